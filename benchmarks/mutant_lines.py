@@ -79,6 +79,17 @@ class _Sites(ast.NodeVisitor):
     def visit_JoinedStr(self, _: ast.JoinedStr) -> None:
         """Nor is a text."""
 
+    def visit_Call(self, node: ast.Call) -> None:
+        """Nor are words that are joined, or a line of the log; a size of -1 may be -2 as well."""
+        if isinstance(node.func, ast.Attribute):
+            if isinstance(node.func.value, ast.Constant):
+                return
+            if node.func.attr == "reshape":
+                node.args = [one for one in node.args if not isinstance(one, ast.UnaryOp)]
+        elif isinstance(node.func, ast.Name) and node.func.id == "log_choice":
+            return
+        self.generic_visit(node)
+
     def visit_BinOp(self, node: ast.BinOp) -> None:
         self._between(node.left, node.right, type(node.op))
         self.generic_visit(node)

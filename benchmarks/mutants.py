@@ -9,8 +9,9 @@ each mutant, those that reach it run, the nearest and quickest first, until one 
 of them have run; a mutant that all of these let pass survives. Those that survived a quick look
 can be judged again by more tests, with --numbers and more --seconds. Compiled loops are kept in
 the copy, and only those that hold the mutant or call what does are compiled again, with little
-optimisation. A folder that is given is kept: the copy and what is known of its tests are used by
-the next run.
+optimisation. Lines that no quick test reaches are judged by the slow tests of their folder. A
+folder that is given is kept: the next run uses the copy and what is known of its tests, but for
+tests that were written or changed since, which it takes over.
 """
 
 from __future__ import annotations
@@ -49,6 +50,7 @@ HEAVY = (
     "mpmath", "pandas",
 )  # fmt: skip
 COMPILING = 120.0
+QUICK, SLOW_S = "not slow", 300.0
 
 
 class Copy:
@@ -61,6 +63,7 @@ class Copy:
         self.aside = folder / "aside"
         if not self.root.exists():
             self._make(folder)
+        self.changed = self._take_over_tests()
         self.program = Program(self.root)
 
     def _make(self, folder: Path) -> None:
@@ -75,11 +78,34 @@ class Copy:
         if (ROOT.parent / "shared").exists():
             (folder / "shared").symlink_to((ROOT.parent / "shared").resolve())
 
+    def _take_over_tests(self) -> list[str]:
+        """Copy tests and their helpers that are not as in the copy; returns the files of tests."""
+        changed = []
+        for source in sorted((ROOT / "tests").rglob("*.py")):
+            name = str(source.relative_to(ROOT))
+            target = self.root / name
+            if not target.exists() or target.read_bytes() != source.read_bytes():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy(source, target)
+                if source.name.startswith("test_") and not name.startswith(LEFT_OUT):
+                    changed.append(name)
+        return changed
+
     def learn(self, tests: Sequence[str]) -> None:
         """Run tests on the copy as it is, unless that is known already."""
         if not self.known.exists():
             left_out = [f"--ignore={name}" for name in LEFT_OUT]
             self._run([*tests, *left_out], 1e5, learn=True)
+        elif self.changed:
+            before = json.loads(self.known.read_text())
+            self._run(self.changed, 1e5, learn=True)
+            after = json.loads(self.known.read_text())
+            for node, test in before["tests"].items():
+                if node.partition("::")[0] not in self.changed:
+                    after["tests"][node] = test
+                    after["failed"] += [node] * (node in before["failed"])
+            self.known.write_text(json.dumps(after))
+        self.changed = []
         known = json.loads(self.known.read_text())
         self.failed = set(known["failed"])
         self.tests: dict[str, float] = {}
@@ -115,8 +141,16 @@ class Copy:
                 total += took
         return chosen, total, len(ranked) - len(chosen)
 
-    def judge(self, mutant: Mutant, nodes: Sequence[str], seconds: float) -> str:
-        """Whether tests notice: '' or what did."""
+    def slow_tests_of(self, mutant: Mutant) -> str:
+        """Folder of the slow tests of a mutant's module; '' if there is none."""
+        folder = Path(mutant.path.replace("sinstool/", "tests/", 1)).parent
+        slow = any("mark.slow" in p.read_text() for p in (self.root / folder).glob("test_*.py"))
+        return str(folder) if slow else ""
+
+    def judge(
+        self, mutant: Mutant, nodes: Sequence[str], seconds: float, marks: str = QUICK
+    ) -> str:
+        """Whether tests with these marks notice: '' or what did."""
         path = self.root / mutant.path
         text, stat = path.read_bytes(), path.stat()
         affected, _ = self.program.compiled_with(mutant)
@@ -126,7 +160,8 @@ class Copy:
             os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
             _forget_bytecode(path)
             self._set_aside(affected)
-            return self._run(nodes, 20.0 + 5.0 * seconds + COMPILING * bool(affected))
+            limit = 20.0 + 5.0 * seconds + COMPILING * bool(affected)
+            return self._run(nodes, limit, marks=marks)
         finally:
             path.write_bytes(text)
             os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
@@ -155,12 +190,14 @@ class Copy:
         for old in list(self.aside.rglob("*.nb?")):
             old.rename(self.root / old.relative_to(self.aside))
 
-    def _run(self, arguments: Sequence[str], seconds: float, learn: bool = False) -> str:
+    def _run(
+        self, arguments: Sequence[str], seconds: float, learn: bool = False, marks: str = QUICK
+    ) -> str:
         """Run tests in a process of their own; '' or the first that failed."""
         child = os.fork()
         if not child:
             with suppress(BaseException):
-                self._test(arguments, seconds, learn)
+                self._test(arguments, seconds, learn, marks)
             os._exit(99)
         used = _waited(child, 10.0 * seconds)
         if os.WIFSIGNALED(used):
@@ -175,7 +212,7 @@ class Copy:
             raise RuntimeError(f"pytest ends with {status}: {said[-30:]}")
         return failed[0].split(" - ")[0]
 
-    def _test(self, arguments: Sequence[str], seconds: float, learn: bool) -> None:
+    def _test(self, arguments: Sequence[str], seconds: float, learn: bool, marks: str) -> None:
         import pytest
 
         os.setsid()
@@ -188,7 +225,7 @@ class Copy:
         sys.path[:] = [str(self.root), *(p for p in sys.path if Path(p or ".").resolve() != ROOT)]
         os.environ["PYTHONPATH"] = str(self.root)
         resource.setrlimit(resource.RLIMIT_CPU, (int(seconds) + 1, int(seconds) + 10))
-        options = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-o", "addopts=-m 'not slow'"]
+        options = ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-o", f"addopts=-m '{marks}'"]
         if not learn:
             os._exit(pytest.main([*options, "-x", *arguments]))
         from benchmarks.reached_functions import Reached
@@ -252,7 +289,12 @@ def run(copy: Copy, mutants: dict[int, Mutant], tests: Sequence[str], seconds: f
     for number, mutant in mutants.items():
         nodes, expected, left_out = copy.tests_of(mutant, seconds)
         begun = time.monotonic()
-        verdict = copy.judge(mutant, nodes, expected) if nodes else ""
+        slow = "" if nodes else copy.slow_tests_of(mutant)
+        if slow:
+            nodes = [slow]
+            verdict = copy.judge(mutant, nodes, SLOW_S, "slow")
+        else:
+            verdict = copy.judge(mutant, nodes, expected) if nodes else ""
         if not verdict:
             survivors.append(mutant)
             verdict = f"{len(nodes)} tests passed, {left_out} left out"

@@ -1,9 +1,11 @@
 """What a changed line reaches, so that its tests run and nothing else is compiled again."""
 
+import json
 import os
 
 import pytest
 
+from benchmarks import mutants
 from benchmarks.mutant_lines import Program, sites
 from benchmarks.mutants import Copy, _of_size
 
@@ -17,6 +19,10 @@ def twice(x):
 
 def plain(x):
     return x + 1
+
+def said(x):
+    log_choice("rests", x + 1)
+    return ", ".join(x[:10])
 ''',
     "sinstool/methods/outer.py": '''"""Outer loop."""
 import numba
@@ -50,7 +56,8 @@ def test_other():
 
 
 @pytest.fixture
-def root(tmp_path):
+def root(tmp_path, monkeypatch):
+    monkeypatch.setattr(mutants, "ROOT", tmp_path / "checkout")
     for name, text in FILES.items():
         path = tmp_path / "project" / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -86,6 +93,10 @@ def test_a_plain_function_makes_nothing_compile(root):
     mutant = mutant_of(root, "plain", "+")
     assert program.compiled_with(mutant) == (set(), set())
     assert program.reached_from(mutant) == {("sinstool/methods/inner.py", "plain")}
+
+
+def test_words_are_no_numbers(root):
+    assert not [m for m in sites(root, "") if m.inside == "said"]
 
 
 @pytest.mark.parametrize(("inside", "old", "new"), [("twice", "2.0", "3.0"), ("plain", "+", "-")])
@@ -126,8 +137,29 @@ def test_compiled_loops_come_back_after_a_mutant(root, monkeypatch):
         (cache / names[0]).write_text("of the mutant")
         return "killed"
 
-    monkeypatch.setattr(copy, "_run", tests)
+    monkeypatch.setattr(copy, "_run", lambda nodes, seconds, marks: tests(nodes, seconds))
     assert copy.judge(mutant, ["a"], 1.0) == "killed"
     assert (path.read_bytes(), path.stat().st_mtime_ns) == before
     assert sorted(os.listdir(cache)) == sorted(names)
     assert all((cache / name).read_text() == "of the original" for name in names)
+
+
+def test_tests_that_changed_are_learnt_again_and_others_are_known(root, monkeypatch):
+    first = Copy(root.parent)
+    known = {"a.py::one": "as before", "tests/methods/test_outer.py::test_four": "gone"}
+    first.known.write_text(json.dumps({"tests": known, "failed": ["a.py::one"]}))
+    changed = mutants.ROOT / "tests" / "methods" / "test_outer.py"
+    changed.parent.mkdir(parents=True)
+    changed.write_text("def test_new(): pass")
+    copy = Copy(root.parent)
+    assert (root / "tests/methods/test_outer.py").read_text() == "def test_new(): pass"
+
+    def learnt(files, seconds, learn):
+        assert learn and files == ["tests/methods/test_outer.py"]
+        new = {f"{files[0]}::test_new": {"seconds": 1.0, "functions": [["p.py", "f"]]}}
+        copy.known.write_text(json.dumps({"tests": new, "failed": []}))
+
+    monkeypatch.setattr(copy, "_run", learnt)
+    copy.learn(["tests"])
+    assert copy.reaching["p.py", "f"] == {"tests/methods/test_outer.py::test_new"}
+    assert copy.failed == {"a.py::one"}

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from sinstool.methods.wheel_fit import fit_wheels, slipping_wheels
+from sinstool.methods.wheel_fit import LEAST, _inflation, fit_wheels, slipping_wheels
 
 NS = 1_000_000_000
 START = 1_700_000_000 * NS
@@ -135,3 +136,24 @@ def test_a_wheel_that_slips_is_told_from_a_turn(radius):
     assert found[~slips].mean() < 0.002
     quiet = slipping_wheels(stamp, speed, apart, stamp[::10], 0.0 * turn[::10])
     assert not quiet.any()
+
+
+@pytest.mark.parametrize("count", [LEAST - 1, LEAST])
+def test_so_many_samples_of_a_reference_are_needed(count):
+    stamp = START + np.arange(0, 1000) * 50_000_000
+    t = START + 10 * NS + np.arange(count) * 200_000_000
+    speed = [10.0 + 0.2 * np.sin((k - START) * 1e-9) for k in (stamp, t)]
+    fit = fit_wheels(stamp, speed[0], t, speed[1])
+    assert (fit is None) == (count < LEAST)
+    assert fit is None or (fit.samples == LEAST and fit.scale == pytest.approx(1.0, rel=1e-3))
+
+
+@pytest.mark.parametrize("alike_s", [0.0, 3.0, 20.0])
+def test_the_variance_of_a_mean_grows_with_the_correlation_of_its_samples(alike_s):
+    """Of a first-order process: (1 + phi) / (1 - phi) times that of white noise."""
+    phi = np.exp(-0.2 / alike_s) if alike_s else 0.0
+    found = []
+    for seed in range(20):
+        white = np.random.default_rng(seed).standard_normal(20_000)
+        found.append(_inflation(0.2 * np.arange(20_000), lfilter([1.0], [1.0, -phi], white)))
+    assert np.mean(found) == pytest.approx((1.0 + phi) / (1.0 - phi), rel=0.1)

@@ -151,7 +151,8 @@ def why_no_start(motion: Dynamics, limits: GateLimits, lift_off_ns: int) -> str:
             return "lift-off comes only after it"
         return f"it ends {last:.1f} s after lift-off and the gate waits {limits.t_set1:g} s"
     after = motion.time_ns[late]
-    step = float(np.median(np.diff(after))) * 1e-9 if len(after) > 1 else 0.0
+    every = np.diff(motion.time_ns)
+    step = float(np.median(every)) * 1e-9 if len(every) else 0.0
     blocked = (~motion.within(limits)[:, late]).sum(axis=1) * step
     names = ("|f|", "change of f", "|omega|", "change of omega")
     parts = [f"{n} for {b:.1f} s" for n, b in zip(names, blocked, strict=True) if b > 0.0]

@@ -200,7 +200,7 @@ def _candidate(
         length = window_rows(segment.rows.time_s, settings.window_s)
         length = min(length if settings.vectors == "win" else 1, len(segment) - 1)
         calm = segment.not_calm[length:] == segment.not_calm[:-length]
-        begin = int(np.argmax(calm)) if calm.any() else 0
+        begin = int(np.argmax(calm))
         segment, fixes = segment.take(slice(begin, None)), fixes.rows(slice(begin, None))
     slack = 2.0 * float(np.median(np.diff(time_ns))) * 1e-9
     span = float(segment.rows.time_s[-1] - segment.rows.time_s[0]) if len(segment) else 0.0

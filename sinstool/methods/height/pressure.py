@@ -401,18 +401,22 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
     low, high = np.percentile(g, [1.0, 99.0])
     # The scale is searched per 100 m, so that both unknowns are of one size.
     x = (h - centre) / 100.0
-    spread = 1.4826 * float(np.median(np.abs(g - level - (h - centre))))
-    solution = least_squares(
-        lambda u: g - level - u[0] - u[1] * x,
-        x0=[0.0, 100.0],
-        jac=lambda _: np.stack([-np.ones_like(x), -x], axis=1),
-        loss="huber",
-        f_scale=max(1.345 * min(spread, 10.0), 0.1),
-    )
-    scale = float(solution.x[1]) / 100.0
+    found, spread = np.array([0.0, 100.0]), 10.0
+    # What is an outlier shows once a line is laid
+    for _ in range(2):
+        found = least_squares(
+            lambda u: g - level - u[0] - u[1] * x,
+            x0=found,
+            jac=lambda _: np.stack([-np.ones_like(x), -x], axis=1),
+            loss="huber",
+            f_scale=max(1.345 * spread, 0.1),
+        ).x
+        rest = g - level - found[0] - found[1] * x
+        spread = min(1.4826 * float(np.median(np.abs(rest - np.median(rest)))), 10.0)
+    scale = float(found[1]) / 100.0
     applied = high - low > MIN_SCALE_RANGE and SCALE_BOUNDS[0] <= scale <= SCALE_BOUNDS[1]
     return ScaleFit(
-        offset=level + float(solution.x[0]) - scale * centre,
+        offset=level + float(found[0]) - scale * centre,
         scale=scale,
         height_range=float(high - low),
         samples=len(h),

@@ -169,9 +169,8 @@ def correlate(
     count = int(np.ceil((high_s - low_s) / _GRID_S)) + 1
     grid = np.linspace(low_s, high_s, count)
     costs = np.array([windows.costs(tau) for tau in grid])
+    # At least half of the windows remain: two, with 12 degrees of freedom, or all
     windows.leave_out_misfits(costs.min(axis=0))
-    if windows.degrees <= 10:
-        return NOT_OBSERVABLE
     total = costs @ windows.weight
     best = int(np.argmin(total))
     left, right = grid[max(best - 1, 0)], grid[min(best + 1, count - 1)]
@@ -239,7 +238,8 @@ class _Windows:
     def degrees(self) -> float:
         """Degrees of freedom of the windows in use."""
         rows = self._sum(self._level)
-        return float(((rows - 2.0 * (rows > 2)).sum(axis=1) * self.weight).sum())
+        # One or two downs are on any line
+        return float((np.maximum(rows - 2.0, 0.0).sum(axis=1) * self.weight).sum())
 
     def costs(self, tau: float) -> FloatArray:
         """Sum of squares in each window."""

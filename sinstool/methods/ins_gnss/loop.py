@@ -14,7 +14,7 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.parts import kernel, part
-from sinstool.core.quaternion_kernels import dcm, wrapped_angle
+from sinstool.core.quaternion_kernels import cross, dcm, wrapped_angle
 from sinstool.methods.height.channel import propagate, smooth_height
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION
 from sinstool.methods.ins_gnss import baro, instants, land_vehicle, layout
@@ -172,6 +172,10 @@ def run(
                 px = 0.5 * (rate0 + phi[k, 0] / dt) * d
                 py = 0.5 * (rate1 + phi[k, 1] / dt) * d
                 pz = 0.5 * (rate2 + phi[k, 2] / dt) * d
+                # An increment is in the axes of its start: those of samples hold half their turn
+                half = 0.5 * (1.0 - dt / d)
+                ax, ay, az = cross(px, py, pz, ux, uy, uz)
+                ux, uy, uz = ux + half * ax, uy + half * ay, uz + half * az
                 now = m.now + d
             else:
                 if bridges > 0:

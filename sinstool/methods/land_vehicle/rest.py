@@ -123,15 +123,15 @@ def _thresholds(spread: FloatArray, stands: BoolArray, moves: BoolArray) -> tupl
     standing, moving = np.count_nonzero(stands), np.count_nonzero(moves)
     if standing < LEAST_WINDOWS and moving < LEAST_WINDOWS:
         return np.zeros(2), "the fixes show neither rest nor motion"
-    low = np.quantile(spread[stands], STANDING_QUANTILE, axis=0) if standing else np.zeros(2)
-    high = np.quantile(spread[moves], MOVING_QUANTILE, axis=0) if moving else np.zeros(2)
     if standing < LEAST_WINDOWS:
         return (
-            ALONE_MOVING * high,
+            ALONE_MOVING * np.quantile(spread[moves], MOVING_QUANTILE, axis=0),
             "half of the smallest value in motion, as the fixes never stand still",
         )
+    low = np.quantile(spread[stands], STANDING_QUANTILE, axis=0)
     if moving < LEAST_WINDOWS:
         return ALONE_STANDING * low, "twice the value at rest, as the fixes never move"
+    high = np.quantile(spread[moves], MOVING_QUANTILE, axis=0)
     apart = high > LEAST_APART * low
     if not apart.any():
         return np.zeros(2), "standing and moving look alike to the IMU"

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from sinstool.methods.alignment.gate import (
+    MIN_FOR_CLIPPING,
     dynamics,
     find_start,
     find_stop,
@@ -121,6 +122,10 @@ def test_why_no_start_names_the_limit():
     assert "waits 40 s" in why_no_start(dynamics(imu), GateLimits(), int(imu.time_ns[0]))
     late = why_no_start(dynamics(imu), GateLimits(), int(imu.time_ns[-1]) + 1)
     assert "lift-off comes only after" in late
+    # as many samples as the gate waits for, and one
+    end_s = (imu.time_ns[-1] - imu.time_ns[0]) * 1e-9
+    one = why_no_start(dynamics(imu), GateLimits(t_set1=end_s), int(imu.time_ns[0]))
+    assert one == "of 0.0 s, over the limit: |f| for 0.0 s"
 
 
 def test_the_flight():
@@ -150,3 +155,19 @@ def test_saturation():
     assert looks_clipped(clipped) == "gyro x"
     assert looks_clipped(imu) is None
     assert looks_clipped(noisy(1)[1]) is None
+
+
+def test_a_record_of_two_samples_may_be_saturated():
+    # 2 g within 10 ms; the first sample's interval is taken for as long as the next
+    force = np.array([[0.0, 0.0, -19.0], [0.0, 0.0, -20.0]])
+    assert saturated(flight(force), None, 20.0).tolist() == [False, True]
+    assert saturated(flight(force), None, 18.0).tolist() == [True, True]
+    assert saturated(flight(force), None, 21.0).tolist() == [False, False]
+    assert saturated(flight(force[:1]), None, 21.0).tolist() == [True]
+
+
+@pytest.mark.parametrize("missing", [0, 1])
+def test_few_samples_show_no_clipping(missing):
+    force = np.tile([0.0, 0.0, -1.0], (MIN_FOR_CLIPPING + 1 - missing, 1))
+    force[20:26, 2] = -30.0
+    assert looks_clipped(flight(force)) == ("accelerometer z" if not missing else None)

@@ -245,3 +245,12 @@ def test_gaps_and_short_records():
         )
         with pytest.raises(AlignmentError, match="least"):
             gyrocompass(short, 45 * DEGREE)
+
+
+@pytest.mark.parametrize(("begins_s", "drives"), [(24.0, True), (36.0, False)])
+def test_who_moves_for_more_than_half_of_the_time_drives(begins_s, drives):
+    truth = shaken(60.0, 42.0, scale=40.0, when=(Step(begins_s, 0.5, 1.0),))
+    got = gyrocompass(increments(truth), 42.0 * DEGREE, 100.0, grade_of(FIBRE))
+    assert got.still_s == pytest.approx(begins_s, abs=3.0)
+    assert any("the vehicle moves" in text for text in got.warnings) == drives
+    assert (got.status == "unobservable") == drives

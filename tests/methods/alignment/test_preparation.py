@@ -201,3 +201,14 @@ def test_rough_fixes_are_left_out_and_slow_changes_stay():
     level = noise_level(sigma, 0.1)
     assert np.all(level[:140] == 0.1) and np.all(level[160:] == 0.5)
     np.testing.assert_array_equal(noise_level(np.full(3, 0.2), 0.0), 0.2)
+
+
+@pytest.mark.parametrize("vectors", ["win", "pos"])
+def test_velocities_much_noisier_than_their_neighbours_spoil_no_positions(vectors):
+    sigma = np.full(300, 0.05)
+    sigma[[40, 41, 200]] = 3.0
+    good, _, warnings = prepare_fixes(fixes(sigma_v=sigma), AlignmentSettings(vectors=vectors))
+    if vectors == "pos":
+        assert len(good) == 300 and not warnings
+    else:
+        assert len(good) == 297 and "3 fixes much noisier" in warnings[0]

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sinstool.core.rotation import skew, to_dcm
 from sinstool.methods.attitude_smoother import filter_step
 from sinstool.methods.attitude_smoother.epochs import (
     AT_REST,
     DURATION,
+    GYRO,
     JB,
     MOVING,
     QUIET,
@@ -15,8 +17,19 @@ from sinstool.methods.attitude_smoother.epochs import (
     STEADY,
     WIDTH,
 )
+from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.model import GRAVITY
-from sinstool.methods.attitude_smoother.state import ERRORS, STATE, B, G, P, V, inject, less
+from sinstool.methods.attitude_smoother.state import (
+    ERRORS,
+    STATE,
+    B,
+    G,
+    P,
+    V,
+    inject,
+    less,
+    rotation_of,
+)
 
 NEEDED = {"with position": ERRORS, "without": 10}
 T = 0.7
@@ -150,3 +163,34 @@ def test_travel_is_steady_only_where_the_tilt_leaves_no_room_for_an_acceleration
     row = an_epoch(DV=(pulled * T, 0.0, -GRAVITY * T))
     row[JB : JB + 9], row[REST] = 0.0, marked
     assert filter_step.rest_kind(row, par, x, p, np.zeros(n), 0.0) == kind
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 1e-6, 9e-5, 1.1e-4, 1e-2, 1.0, 3.1])
+def test_the_matrix_of_a_rotation_of_any_size(size):
+    vector = size * np.array([0.48, -0.6, 0.64])
+    e, found, x, y = np.empty((3, 3)), np.zeros(10), np.zeros(STATE), np.zeros(STATE)
+    rotation_of(*vector, e)
+    np.testing.assert_allclose(e, Rotation.from_rotvec(vector).as_matrix(), atol=1e-15, rtol=0)
+    # and back again
+    x[:9], y[:9] = e.ravel(), np.eye(3).ravel()
+    less(x, y, 10, found, np.empty((3, 3)))
+    np.testing.assert_allclose(found[:3], vector, rtol=1e-7, atol=2e-16)
+
+
+@pytest.mark.parametrize("sways", [0.0, 3e-7])
+def test_at_rest_the_rate_shows_the_bias_to_its_noise_and_its_sway(sways):
+    n, known, own = 10, 1e-3, 4e-7
+    row = an_epoch(DV=(0.0, 0.0, -GRAVITY * T), OWN_RATE=own, SWAY_RATE=own + sways)
+    row[JB : JB + 9], row[REST] = T * np.eye(3).ravel(), STEADY
+    rate = np.array([4e-3, -2e-3, 1e-3])
+    row[GYRO : GYRO + 3] = rate
+    par = np.zeros(filter_step.PARAMETERS)
+    par[filter_step.ZERO_RATE] = 5e-4
+    x, p, dx = np.zeros(STATE), np.zeros((n, n)), np.zeros(n)
+    x[:9] = np.eye(3).ravel()
+    p[range(6, 9), range(6, 9)] = known**2
+    filter_step.measure(row, NO_FIELD, 0, par, n, x, p, np.empty(n), dx, STEADY)
+    noise = 5e-4**2 + own + filter_step.SWAY_LASTS * sways
+    gain = known**2 / (known**2 + noise)
+    np.testing.assert_allclose(dx[6:9], gain * rate, rtol=1e-9)
+    np.testing.assert_allclose(p[range(6, 9), range(6, 9)], gain * noise, rtol=1e-9)

@@ -334,3 +334,22 @@ def test_the_sign_of_a_quaternion_is_of_no_account():
         means.append(stage.means(epochs).field)
     assert np.abs(means[0]).max() > 0.1
     assert np.abs(means[0] - means[1]).max() < 1e-14
+
+
+@pytest.mark.parametrize("noise", [0.04, 0.08])
+def test_the_sigma_of_a_hard_iron_is_that_of_least_squares(noise):
+    """Of epochs that hang together by 25, in one piece, beside what does not average out."""
+    rng = np.random.default_rng(19)
+    n = 300
+    attitude = to_dcm(from_euler(rng.uniform(-np.pi, np.pi, (n, 3)) * [1.0, 0.5, 1.0]))
+    field = earth(60.0) + noise * SIZE * rng.standard_normal((n, 3))
+    found = find_hard_iron(field, attitude, np.zeros(n, int))
+    turned = (attitude - attitude.mean(axis=0)).reshape(-1, 3)
+    information = turned.T @ turned
+    white = 25.0 * (noise * SIZE) ** 2 * np.linalg.inv(information)
+    together = np.linalg.inv(information / n / (0.005 * SIZE) ** 2 + np.eye(3) / SIZE**2)
+    # the field level, across which a heading turns: one axis of three, each turned about alike
+    sigma = np.sqrt(np.trace(white + together) / 3.0)
+    # far residuals count less, and so do those that remain
+    assert found.sigma == pytest.approx(sigma, rel=0.3)
+    assert np.sqrt(np.trace(white)) > 2.0 * np.sqrt(np.trace(together)), "else it shows nothing"

@@ -166,6 +166,17 @@ def test_more_than_half_a_turn_about_one_axis(family):
     np.testing.assert_allclose(alone(family(4), rows), [0, 0, 4.8], rtol=1e-14)
 
 
+@pytest.mark.parametrize("before", [1, 3])
+def test_fixed_iterations_take_earlier_samples_as_the_limit_does(before):
+    x = 0.02 * np.random.default_rng(7).standard_normal((40, 3))
+    dt = np.full(40, 0.01)
+    limit = Picard(2, before).rotation_vectors(x, dt, 0, 20)
+    found = Picard(2, before, iterations=12).rotation_vectors(x, dt, 0, 20)
+    np.testing.assert_allclose(found, limit, atol=1e-13)
+    alone_ = Picard(2, 0).rotation_vectors(x, dt, 0, 20)
+    assert np.abs(alone_ - limit)[before:].max() > 1e-6
+
+
 @pytest.mark.slow
 def test_fixed_iterations_converge_to_the_limit():
     rows = np.random.default_rng(5).normal(0.02, 0.02, size=(4, 3))

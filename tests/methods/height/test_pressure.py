@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import brentq
+from scipy.stats import norm
 
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
 from sinstool.methods.height.pressure import (
@@ -174,6 +176,28 @@ def test_fit_is_least_squares_without_outliers():
     g = 12.0 + 0.97 * h + 0.01 * rng.standard_normal(400)
     fit = fit_scale(h, g)
     assert (fit.scale, fit.offset) == pytest.approx(tuple(np.polyfit(h, g, 1)), rel=1e-4)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.95])
+@pytest.mark.parametrize("noise", [0.3, 2.0])
+def test_outliers_pull_a_fit_by_no_more_than_hubers_loss_lets_them(noise, scale):
+    """One in ten far above: each counts as 1.345 sigmas, and moves the others' mean by so much."""
+    rng = np.random.default_rng(6)
+    h = rng.uniform(0.0, 800.0, 4000)
+    g = 12.0 + scale * h + noise * rng.standard_normal(4000)
+    g[::10] += 60.0
+    fit = fit_scale(h, g)
+    # What nine of ten, clipped about it, have on average is what the tenth has the other way
+    sigma = 1.4826 * noise * norm.ppf(0.5 + 0.25 / 0.9)  # by the median size, outliers included
+
+    def pull(off):
+        x = np.linspace(-8.0, 8.0, 4001) * noise
+        clipped = np.clip(x - off, -1.345 * sigma, 1.345 * sigma) * norm.pdf(x, scale=noise)
+        return 0.9 * np.trapezoid(clipped, x) + 0.1 * 1.345 * sigma
+
+    off = brentq(pull, 0.0, 5.0 * noise)
+    assert fit.scale == pytest.approx(scale, abs=5e-4)
+    assert fit.offset + fit.scale * 400.0 - 400.0 * scale - 12.0 == pytest.approx(off, rel=0.25)
 
 
 def test_sigma_of_a_height():

@@ -219,3 +219,14 @@ def test_whole_turns_of_an_encoder_that_is_read_with_the_gyro_are_whole(stamp, w
     turns = (piece.alpha - 2.0 * np.pi * 0.01 / 10.0 * wanted) / (2.0 * np.pi)
     assert turns[-1] - turns[0] == pytest.approx(10.0, abs=1e-9)
     assert turns[0] == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("count", [80, 99, 100, 250])
+def test_wander_is_seen_in_whole_seconds(count):
+    """The largest mean of a second; of less than one there is none."""
+    late = 1e-4 * np.random.default_rng(7).standard_normal(count)
+    (grid,) = time_grids(ns(0.01 * np.arange(count) + late))
+    left = late - np.polyval(np.polyfit(np.arange(count), late, 1), np.arange(count))
+    means = [left[k : k + 100].mean() for k in range(0, count - 99, 100)]
+    assert grid.wander_s == pytest.approx(np.abs(means).max() if means else 0.0, abs=2e-9)
+    assert grid.jitter_s == pytest.approx(np.sqrt(np.mean(left**2)), abs=2e-9)

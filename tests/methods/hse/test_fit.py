@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.hse.axial import earth_rate_along_axis
+from sinstool.methods.hse.axial import earth_rate_along_axis, fit_axial
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions
 from tests.methods.hse.made_runs import (
@@ -120,6 +120,19 @@ def test_order_of_the_runs_does_not_matter():
     assert other.F_lof == pytest.approx(one.F_lof, rel=1e-6)
 
 
+def test_the_papers_sigma_is_of_the_scatter_within_rates():
+    """Three repeats of three rates: pooled variance, and the slope through the means."""
+    runs = noisy(brute_runs(), np.random.default_rng(4))
+    result = fit(runs, FitOptions(method="heading", form="paper", reject_outliers=False))
+    heading, rate = np.array([[r.heading, r.rate] for r in runs]).T
+    groups = [heading[rate == one] for one in RATES]
+    pooled = np.mean([group.var(ddof=1) for group in groups])
+    sigma = np.sqrt(pooled / 3.0 / np.sum((RATES - RATES.mean()) ** 2))
+    assert result.sigma_K == pytest.approx(sigma, rel=1e-6)
+    assert result.dof == 6
+    assert np.polyfit(RATES, [g.mean() for g in groups], 1)[0] == pytest.approx(result.K, rel=1e-6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["heading", "joint", "drift", "equal", "paper"])
 def test_covariance_is_that_of_many_simulations(kind):
@@ -181,6 +194,25 @@ def test_axial_sigma_and_bias():
     assert values.std() == pytest.approx(clean.sigma_lambda2, rel=0.13)
     assert np.mean([f.ci95_lambda2[0] <= TRUE <= f.ci95_lambda2[1] for f in fits]) > 0.92
     assert np.std([f.axial.bias for f in fits]) == pytest.approx(clean.axial.sigma_bias, rel=0.13)
+
+
+def test_axial_runs_count_by_the_scatter_of_their_turns():
+    rng = np.random.default_rng(12)
+    runs = [
+        replace(r, sigma_c_axial=s * r.sigma_c_axial, c_axial=r.c_axial + s * r.sigma_c_axial * e)
+        for r, s, e in zip(
+            brute_runs(), rng.uniform(0.3, 20.0, 9), rng.standard_normal(9), strict=True
+        )
+    ]
+    rate = np.array([r.rate + earth_rate_along_axis(r) for r in runs])
+    error = rate * [r.c_axial for r in runs]
+    weight = 1.0 / np.abs(rate * [r.sigma_c_axial for r in runs])
+    slope, bias = np.polyfit(rate, error, 1, w=weight)
+    found = fit_axial(runs, weighted=True)
+    assert found.c == pytest.approx(slope, rel=1e-6)
+    assert found.bias == pytest.approx(bias, rel=1e-6)
+    slope, bias = np.polyfit(rate, error, 1)
+    assert fit_axial(runs, weighted=False).c == pytest.approx(slope, rel=1e-6)
 
 
 def test_one_rate_gives_the_axial_value_only():

@@ -134,3 +134,22 @@ def test_slow_change_of_rate_is_not_one_plateau():
         change = 1e-5 * segment.duration_s
         assert change < 2.5e-3 * segment.rate
     assert len(result.used) + len(result.rejected) > 2
+
+
+def test_what_lasts_just_as_long_as_the_rules_ask_will_do():
+    piece = steady(1.2, 60.0)
+    exactly = DT * round(60.0 / DT)
+    assert find_segments(piece, SegmentRules(settle_s=0.0, min_duration_s=exactly)).used
+    more = np.nextafter(exactly, 100.0)
+    assert not find_segments(piece, SegmentRules(settle_s=0.0, min_duration_s=more)).used
+
+
+@pytest.mark.parametrize("at", [1, -2])
+def test_an_encoder_that_goes_back_at_either_end_of_a_segment_is_refused(at):
+    (piece,) = steady(0.7, 300.0)
+    alpha = piece.alpha.copy()
+    # within the first and the last block: their rates are as before
+    alpha[at] = alpha[0] - 1e-6 if at == 1 else alpha[-1] + 1e-6
+    result = find_segments([TableAngle(0, 0.0, DT, alpha)], SegmentRules(settle_s=0.0))
+    assert not result.used
+    assert result.rejected[0].reason == "the encoder goes backwards or stands still 1 times"

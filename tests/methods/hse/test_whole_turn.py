@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import linregress
 
 from sinstool.core import rotation
 from sinstool.core.earth import EARTH_RATE, earth_rate_n
@@ -10,6 +11,8 @@ from sinstool.methods.hse.encoder import table_angle
 from sinstool.methods.hse.rig import EncoderModel, Rig
 from sinstool.methods.hse.segments import SegmentRules, find_segments, turn_statistics
 from sinstool.methods.hse.whole_turn import (
+    _slope,
+    _trend,
     align_whole_turns,
     run_from_turns,
 )
@@ -399,3 +402,15 @@ def test_single_errors_make_the_published_changes(errors, xi, slope, axial, offs
     np.testing.assert_allclose(K, slope, atol=0.1 if xi else 6e-4, rtol=1e-4)
     np.testing.assert_allclose(along, axial, atol=2e-3)
     np.testing.assert_allclose(at_rest, offset, atol=0.05 if xi else 3e-3)
+
+
+@pytest.mark.parametrize("count", [4, 5, 30])
+def test_sigma_of_a_slope_is_that_of_regression(count):
+    random = np.random.default_rng(count)
+    x, y = np.sort(random.uniform(0.0, 9.0, count)), random.standard_normal((count, 3))
+    slope, sigma = _slope(x, y)
+    for k in range(3):
+        line = linregress(x, y[:, k])
+        assert slope[k] == pytest.approx(line.slope)
+        assert sigma[k] == pytest.approx(line.stderr)
+        assert _trend(x, y[:, k]) == pytest.approx(line.slope / line.stderr)

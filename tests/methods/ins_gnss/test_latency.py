@@ -255,3 +255,19 @@ def test_its_sigma_follows_from_the_noise_of_the_velocities():
     assert np.std(errors) == pytest.approx(bound, rel=0.35)
     # Stated as the root of 2 of it, for what of the noise is not white
     assert 1.25 * bound < np.median(sigmas) < 1.8 * bound
+
+
+@pytest.mark.parametrize(
+    "fixes, downs, status",
+    [(6, 4, "not observable"), (6, 5, "found"), (7, 2, "not observable"), (7, 1, "not observable")],
+)
+def test_more_than_ten_degrees_of_freedom_are_needed(fixes, downs, status):
+    # Of so many fixes in a window: a line takes two from each axis, or all that there are.
+    t = np.arange(0.0, 40.0, 0.01)
+    fix = np.array([8.3, 9.7, 10.9, 12.2, 13.6, 15.1, 15.9])[:fixes]
+    noise = 1e-4 * np.random.default_rng(2).normal(size=(fixes, 3))
+    measured = smooth_motion(fix - 0.1)[0] + noise
+    measured[downs:, 2] = np.nan
+    found = correlate((t * 1e9).astype(np.int64), smooth_motion(t)[0],
+                      (fix * 1e9).astype(np.int64), measured)  # fmt: skip
+    assert found.status == status

@@ -1,9 +1,24 @@
 """Latency and lever arm by scores: what bad fixes and the prior do to the answer."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from sinstool.methods.ins_gnss.receiver_offsets import _FAR, LATENCY_S, _robust, _Scores, _solved
+from sinstool.methods.ins_gnss import receiver_offsets
+from sinstool.methods.ins_gnss.receiver_offsets import (
+    _FAR,
+    _LEAST,
+    _LEAST_SIGMA_M,
+    _LEAST_SIGMA_S,
+    ARM_UNKNOWN_M,
+    LATENCY_S,
+    _robust,
+    _Scores,
+    _solved,
+    estimate_offsets,
+)
+from sinstool.methods.ins_gnss.settings import Settings
 
 
 def scores(nis, rows=6.0, latency=0.05, weight=400.0):
@@ -45,3 +60,34 @@ def test_a_bad_fix_hardly_moves_the_latency():
     assert latency[0] == pytest.approx(0.05, abs=0.01)
     # The prior, 0.2 s, has no say beside 400 epochs of 0.05 s each
     assert np.sqrt(covariance[0, 0]) < 0.1 * LATENCY_S
+
+
+@pytest.mark.parametrize("excess", [1.0, 4.0, 25.0])
+def test_innovations_beyond_what_is_expected_make_offsets_that_much_less_certain(excess):
+    """Against least squares: what is observed of each epoch, and a prior beside it."""
+    random = np.random.default_rng(8)
+    true = np.array([0.08, 1.5, -0.7, 0.4])
+    design = random.standard_normal((400, 6, 4)) * [300.0, 3.0, 3.0, 3.0]
+    seen = design @ true + np.sqrt(excess) * random.standard_normal((400, 6))
+    plain = scores(np.sum(seen**2, axis=1))
+    made = replace(
+        plain,
+        information=np.swapaxes(design, 1, 2) @ design,
+        score=np.einsum("kij,ki->kj", design, seen),
+    )
+    found, covariance = _solved(made, np.zeros(4), np.zeros(4), ARM_UNKNOWN_M)
+    prior = np.diag(1.0 / np.array([LATENCY_S, *[ARM_UNKNOWN_M] * 3]))
+    rows = np.concatenate([design.reshape(-1, 4) / np.sqrt(excess), prior])
+    right = np.concatenate([seen.ravel() / np.sqrt(excess), np.zeros(4)])
+    np.testing.assert_allclose(found, np.linalg.lstsq(rows, right)[0], rtol=1e-3)
+    white = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    # added to it is what no offset is known better than; it counts scatter between stretches too
+    sigma = np.sqrt(np.diag(covariance) - np.square([_LEAST_SIGMA_S, *[_LEAST_SIGMA_M] * 3]))
+    assert np.all(sigma > 0.95 * white) and np.all(sigma < 1.5 * white)
+
+
+@pytest.mark.parametrize("count", [_LEAST - 1, _LEAST])
+def test_a_few_epochs_give_no_offsets(monkeypatch, count):
+    monkeypatch.setattr(receiver_offsets, "_scores", lambda *_: scores(np.full(count, 6.0)))
+    found = estimate_offsets(None, Settings(), [], None)
+    assert (found is None) == (count < _LEAST)

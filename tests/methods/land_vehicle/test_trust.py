@@ -21,13 +21,22 @@ def slow(random, n, sigma, time, step=0.1):
     return out
 
 
-def a_track(seed=0, slip=0.05, axle=1.7, own=0.03, minutes=8.0, heading_walk=False, mount=MOUNT):
+def a_track(
+    seed=0,
+    slip=0.05,
+    axle=1.7,
+    own=0.03,
+    minutes=8.0,
+    heading_walk=False,
+    mount=MOUNT,
+    turning=0.25,
+):
     """A vehicle with turns: its axle moves forward but for a slow slip."""
     random = np.random.default_rng(seed)
     n = round(600 * minutes)
     t = 0.1 * np.arange(n)
     speed = 10.0 + 5.0 * np.sin(0.05 * t)
-    rate = 0.25 * np.sin(0.11 * t) * (np.sin(0.013 * t) > 0.0)
+    rate = turning * np.sin(0.11 * t) * (np.sin(0.013 * t) > 0.0)
     heading = np.cumsum(rate) * 0.1
     v_v = np.stack([speed, rate * axle + slow(random, n, slip, 3.0), slow(random, n, 0.03, 3.0)], 1)
     q_nv = rotation.from_euler(np.stack([0 * t, 0 * t, heading], axis=1))
@@ -98,3 +107,15 @@ def test_a_mount_stated_with_another_roll_is_denied_by_gravity(roll, holds):
     trust = find_trust(means, track, stated)
     assert trust.holds == holds
     assert ("gravity" in trust.reason) == (not holds)
+
+
+@pytest.mark.parametrize("size, enough", [(0.17, False), (0.23, True)])
+@pytest.mark.parametrize("seed", range(2))
+def test_turns_show_what_it_is_from_a_fifth_of_a_metre_a_second_squared_on(seed, size, enough):
+    """Centripetal acceleration, root mean square; left and right in turn."""
+    t = 0.1 * np.arange(4800)
+    usual = (10.0 + 5.0 * np.sin(0.05 * t)) * np.sin(0.11 * t) * (np.sin(0.013 * t) > 0.0)
+    turning = size / np.sqrt(np.mean(usual**2))
+    trust = find_trust(*a_track(seed, turning=turning))
+    assert ("turns too little" in trust.reason) == (not enough)
+    assert trust.holds == enough

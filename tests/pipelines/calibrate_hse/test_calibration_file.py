@@ -99,6 +99,7 @@ def test_the_schema():
     assert set(keys.split()) <= data["runs"][0].keys()
     assert data["lambda2_arcsec"] == pytest.approx(data["lambda2_rad"] / ARCSEC)
     assert data["eps_sum_rad"] == -data["lambda2_rad"]
+    assert data["K_HSE_arcsec_per_rad_s"] == pytest.approx(data["K_HSE_s"] / ARCSEC)
     assert data["method"] == "joint" and data["fit"]["n_runs"] == 18
     assert data["axial"]["lambda2_rad"] == pytest.approx(-EPSILON.sum(), rel=0.02)
     assert len(data["cov"]) == len(data["parameters"]) == 4
@@ -188,6 +189,7 @@ def test_every_key_is_needed_and_has_its_type():
         (("sigma_lambda2_rad",), -1e-6, "standard deviations"),
         (("cov",), [[1.0]], "cov is impossible"),
         (("latitude_rad",), 28.2, "latitude_rad is impossible"),
+        (("latitude_rad",), -1.58, "latitude_rad is impossible"),
         (("omega_ie",), 7.3e-5, "omega_ie is impossible"),
         (("config_sha256",), "abc", "config_sha256 is impossible"),
         (("runs",), [], "runs is impossible"),

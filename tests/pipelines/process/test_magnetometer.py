@@ -1,5 +1,7 @@
 """`process` with a magnetometer: what it says, in which frame, and what recorded logs come to."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate,
 from sinstool.io.readers import open_log
 from sinstool.io.readers.frames import q_for_log, q_nb_from_log, turn_body
 from sinstool.io.readers.truth import at_times
+from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.run import process
 from sinstool.report.text.process import summary_rows
 from tests.helpers.filter_logs import Capture
@@ -203,3 +206,14 @@ def test_recorded_logs_in_other_axes_are_refused(tmp_path):
     assert result.smoothing.magnetometer.refused == "disturbed"
     with open_log(path) as log:
         assert any(c.topic == result.plan.magnetometer.value for c in log.channels.values())
+
+
+@pytest.mark.parametrize(("trusted", "share"), [(0.85, 0.15), (0.95, None)])
+def test_a_field_that_is_often_disturbed_is_named(trusted, share):
+    iron = SimpleNamespace(applied=False, seen=True)
+    compass = SimpleNamespace(north=object(), hard_iron=iron, of_place=True, trusted=trusted)
+    heading = SimpleNamespace(
+        compass=compass, _odd=(), _read=True, _topic="/mag", _expected=None, _declination=0.1
+    )
+    found = {f.kind: f.numbers for f in MagneticHeading.findings(heading)}
+    assert found == ({"disturbed-field": {"share": pytest.approx(share)}} if share else {})

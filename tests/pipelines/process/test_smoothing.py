@@ -103,6 +103,12 @@ def test_tilt_of_a_hand_wherever_it_rests(tmp_path, rest):
     found = np.array(summary["smoothing"]["gyro_bias_rad_s"]) * [1.0, -1.0, -1.0]
     limit = np.maximum(4.0 * np.array(summary["smoothing"]["gyro_bias_sigma_rad_s"]), 1e-4)
     assert (np.abs(found - BIAS) < limit).all()
+    # what is said of the sigmas is what stands in the output
+    said = np.degrees(np.sqrt(np.einsum("nii->ni", covariance)))
+    tilts, smoothing = said[:, :2].max(axis=1), summary["smoothing"]
+    assert smoothing["heading_sigma_end_deg"] == pytest.approx(said[-1, 2], rel=0.02)
+    assert smoothing["tilt_sigma_deg"] == pytest.approx(np.median(tilts), rel=0.02)
+    assert smoothing["tilt_sigma_largest_deg"] == pytest.approx(tilts.max(), rel=0.02)
 
 
 def test_an_inertial_attitude_is_worse_and_claims_no_sigma(tmp_path):

@@ -56,6 +56,28 @@ def test_steps_back_are_kept_and_no_interval_is_negative():
     assert made.least_delay_ns == 3_000_000
 
 
+@pytest.mark.parametrize("interval_ms", [0.5, 1.0, 2.5, 10.0, 40.0])
+def test_bars_of_even_intervals_are_about_them(interval_ms):
+    """Edges to half of the bins in which intervals are counted, which are 0.1 % wide."""
+    middles, counts, outside = sampled([interval_ms] * 2000 + [3.0 * interval_ms]).shares()
+    assert middles.mean() == pytest.approx(interval_ms, rel=5.2e-4)
+    assert np.ptp(middles) == pytest.approx(0.04 * interval_ms, rel=0.03)
+    assert counts.sum() == counts.max() == 2000 and outside == 1
+    assert middles[np.argmax(counts)] == pytest.approx(interval_ms, rel=2e-3)
+
+
+def test_bars_of_uneven_intervals_are_their_histogram():
+    steps = np.round(np.random.default_rng(3).normal(10.0, 0.5, 4000), 6)
+    middles, counts, outside = sampled(steps).shares()
+    width = middles[1] - middles[0]
+    edges = np.append(middles - 0.5 * width, middles[-1] + 0.5 * width)
+    expected, _ = np.histogram(steps, edges)
+    # within what the fine bins, of a hundredth of a ms, hold at each edge
+    assert np.abs(np.cumsum(counts) - np.cumsum(expected)).max() < 40
+    assert counts.sum() + outside == 4000
+    assert edges[0] < np.quantile(steps, 0.001) and edges[-1] > np.quantile(steps, 0.999)
+
+
 def measured(steps_ms, blocks=1, increments=False):
     """Values that were 0.1, 0.2, 0.3 rad/s and 1, 2, -9.8 m/s² on the vehicle's axes."""
     times = START + np.round(np.concatenate([[0], np.cumsum(steps_ms)]) * 1e6).astype(np.int64)
@@ -85,6 +107,12 @@ def test_increments_after_a_gap_are_left_out(blocks):
     times = np.concatenate([[0.0], np.cumsum(steps)]) / 1e3
     missing = np.isin(np.round(times, 6), np.round(seconds[np.isfinite(values[:, 6])], 6))
     assert np.flatnonzero(~missing).tolist() == [6, 9]
+
+
+@pytest.mark.parametrize("blocks", [1, 3])
+def test_of_even_increments_none_is_left_out(blocks):
+    _, values = measured([10.0] * 120, blocks, increments=True)
+    assert np.isfinite(values).all()
 
 
 def shown_of(log, **options):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sinstool.core.rotation import from_euler, rotate
-from sinstool.methods.ins_gnss.states import filter_kind
+from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS, filter_kind
 from sinstool.pipelines.process.ins_gnss.before_start import corrected_start
 from tests.helpers.filter_logs import errors, nees, run, simulated
 from tests.helpers.filter_start import start
@@ -14,9 +14,14 @@ from tests.helpers.filter_start import start
 def test_a_start_less_its_error(name):
     kind = filter_kind(name)
     q = from_euler([0.1, -0.2, 2.0])
-    stated = start(-0.8, np.pi - 1e-7, 300.0, [3.0, -4.0, 0.5], q, 5.0, 0.2, 0.05)
+    known = {"gyro_bias": np.array([1e-4, 2e-4, 3e-4]), "accel_bias": np.array([0.1, 0.2, 0.3])}
+    stated = start(-0.8, np.pi - 1e-7, 300.0, [3.0, -4.0, 0.5], q, 5.0, 0.2, 0.05, **known)
     error, covariance = np.zeros(kind.size), np.eye(kind.size)
     error[:9] = [10.0, -20.0, 3.0, 0.1, 0.2, -0.3, 0.0, 0.0, 0.02]
+    # Biases are what is to be taken off: more of what the smoother finds
+    gyro, accel = (kind.first(block) + np.arange(3) for block in (GYRO_BIAS, ACCEL_BIAS))
+    error[gyro], error[accel] = [1e-5, -2e-5, 3e-5], [0.01, -0.02, 0.03]
+    covariance[gyro, gyro], covariance[accel, accel] = [1e-10, 4e-10, 9e-10], [1e-4, 4e-4, 9e-4]
     result = corrected_start(stated, error, covariance, kind)
     assert (result.nav[0] + 0.8) * 6.37e6 == pytest.approx(-10.0, rel=0.01)
     # eastward over the date line, and still within half a turn
@@ -29,6 +34,11 @@ def test_a_start_less_its_error(name):
     off = np.arctan2(turned[1], turned[0]) - np.arctan2(forward[1], forward[0])
     assert off == pytest.approx(0.02, abs=1e-9)
     assert np.allclose(result.covariance_attitude_n, np.eye(3))
+    assert np.allclose(result.gyro_bias, [1.1e-4, 1.8e-4, 3.3e-4])
+    assert np.allclose(result.accel_bias, [0.11, 0.18, 0.33])
+    # one sigma for three axes: the largest
+    assert result.gyro_bias_sigma == pytest.approx(3e-5)
+    assert result.accel_bias_sigma == pytest.approx(0.03)
 
 
 @pytest.mark.slow

@@ -4,12 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from sinstool.config import ProcessConfig
 from sinstool.io.readers import open_log
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.pipelines.plan import make_plan
-from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors, _likeliest
+from sinstool.pipelines.process.ins_gnss.imu_drift import (
+    LOOKS,
+    Drift,
+    NoiseFactors,
+    _likeliest,
+    _Windows,
+)
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.survey.source import prepare
 from tests.helpers.filter_logs import simulated
@@ -106,3 +113,38 @@ def test_a_vehicle_that_stands_makes_no_imu_better(tmp_path):
     _, drift = drift_of(path)
     factors = drift.factors()
     assert min(factors.gyro, factors.accel) >= 1.0
+    # it moves for 70 s, of which fixes are left out in three windows at most
+    print(drift._as_graded.moved)
+    assert 0 < np.count_nonzero(drift._as_graded.moved) <= 3
+
+
+def windows(ratio, count=40, moved=None, restarts=0, seed=0):
+    """Windows of errors that are so many times their sigmas."""
+    random = np.random.default_rng(seed)
+    sigma = random.uniform(0.5, 20.0, (count, len(LOOKS), 3))
+    error = ratio * sigma * random.standard_normal(sigma.shape)
+    moved = np.ones(count, bool) if moved is None else moved
+    return _Windows(error, sigma, moved, restarts)
+
+
+def test_the_cost_is_twice_the_negative_log_likelihood_of_the_windows_in_motion():
+    moved = np.random.default_rng(1).random(40) < 0.6
+    made = windows(1.3, moved=moved)
+    made.error[3, 0, 0] = np.nan
+    likelihood = norm.logpdf(made.error[moved], scale=made.sigma[moved])
+    known = np.count_nonzero(np.isfinite(likelihood))
+    expected = -2.0 * np.nansum(likelihood) - known * np.log(2.0 * np.pi)
+    assert made.cost == pytest.approx(expected / len(LOOKS))
+
+
+@pytest.mark.parametrize("restarts", [0, 2])
+def test_errors_of_three_sigmas_are_seen_as_such(restarts):
+    found = [windows(3.0, 60, restarts=restarts, seed=seed).ratio for seed in range(40)]
+    assert np.mean(found) == pytest.approx(3.0, rel=0.05)
+
+
+def test_what_chance_makes_of_one_is_one():
+    found = [windows(1.0, 60, seed=seed).ratio for seed in range(300)]
+    # more than 1 in one of a hundred
+    assert 0 < np.count_nonzero(np.array(found) > 1.0) < 12
+    assert windows(9.0, 3).ratio == 1.0 and windows(9.0, 4).ratio > 1.0

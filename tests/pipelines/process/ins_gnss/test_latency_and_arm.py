@@ -324,6 +324,18 @@ def test_fixes_far_off_their_neighbours_are_seen_before_any_filter(road, rate):
     assert far.any() and seen[far].all() and not seen[moved_m == 0.0].any()
 
 
+@pytest.mark.parametrize("stated_m, far", [(np.nan, True), (0.01, True), (1.0, False)])
+def test_how_far_is_far_off_is_what_the_receiver_says_of_its_noise_and_what_is_usual(stated_m, far):
+    # At rest, 10 cm of noise: 3 m off is an outlier but for a receiver that claims no better.
+    random, n = np.random.default_rng(3), 200
+    times, none = np.arange(n) * 1_000_000_000 // 5, np.full((n, 3), np.nan)
+    off = 0.1 * random.standard_normal((n, 2))
+    off[77] += [3.0, 0.0]
+    gnss = GnssEpochs(times, times, 0.8 + off[:, 0] / 6.37e6, 0.1 + off[:, 1] / 4.4e6,
+                      np.full(n, 100.0), none, np.full((n, 3), stated_m), none)  # fmt: skip
+    assert np.flatnonzero(timing.outlying(gnss)).tolist() == ([77] if far else [])
+
+
 def test_a_position_held_at_rest_has_no_outliers(road):
     fixes = record(road, GRADES["tactical"], 5, gnss_rate=5.0, sigma=0.05).fixes
     held = fixes.rows(np.maximum(np.arange(len(fixes.seconds)), 100))

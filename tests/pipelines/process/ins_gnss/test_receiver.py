@@ -15,6 +15,7 @@ from sinstool.methods.ins_gnss.fix_velocity import (
 )
 from sinstool.pipelines.process.ins_gnss.receiver import STAMP_S, gnss_model, inflate_sigmas
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag
+from tests.helpers.gnss import straight
 
 RADIUS = 6.37e6
 
@@ -136,3 +137,25 @@ def test_velocities_of_positions_do_not_depend_on_how_many_are_made_at_a_time(mo
     assert len(at_once) > 300
     for name in ("time_ns", "velocity_n", "sigma_velocity_n"):
         np.testing.assert_array_equal(getattr(in_blocks, name), getattr(at_once, name))
+
+
+@pytest.mark.parametrize("interval, noise", [(0.35, 0.01), (0.35, 0.3), (0.21, 0.05), (1.0, 1.0)])
+def test_sigmas_of_velocities_from_positions_are_those_of_parabolas(interval, noise):
+    """By polyfit, fix by fix: noise through the slope's weights, and what no parabola follows."""
+    random = np.random.default_rng(6)
+    t = interval * np.arange(60)
+    down = 0.02 * t**3 - 3.0 * np.sin(t) + noise * random.standard_normal(len(t))
+    gnss = straight(np.round(t * 1e9).astype(np.int64), speed=0.0)
+    made = with_velocities(dataclasses.replace(gnss, height=-down), noise)
+    half = fix_velocity._half(t, noise)
+    for k in range(10, 50):
+        near = np.abs(t - t[k]) <= half + 1e-9
+        at = t[near] - t[k]
+        slope, covariance = np.polyfit(at, down[near], 2, cov="unscaled")
+        left = np.sum((down[near] - np.polyval(slope, at)) ** 2)
+        bent = max(left - 2.0 * noise**2 * max(len(at) - 3, 1), 0.0)
+        bend = 4.0 * np.sqrt(bent / len(at)) / np.abs(at).max()
+        row = np.searchsorted(made.time_ns, gnss.time_ns[k])
+        assert made.velocity_n[row, 2] == pytest.approx(slope[1], abs=1e-6)
+        sigma = max(np.hypot(noise * np.sqrt(covariance[1, 1]), bend), fix_velocity.LEAST_SIGMA)
+        assert made.sigma_velocity_n[row, 2] == pytest.approx(sigma, rel=1e-4)

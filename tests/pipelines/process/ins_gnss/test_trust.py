@@ -1,10 +1,14 @@
 """Stretches that are not to be trusted are named, and decide how the command ends."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from sinstool.core.finding import exit_status
+from sinstool.config import ProcessConfig
+from sinstool.core.finding import Finding, exit_status
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
+from sinstool.pipelines.process.ins_gnss.run import FilterRun
 from sinstool.pipelines.process.ins_gnss.trust import MOST_NAMED, doubts, marked, untrusted
 
 SECOND = 10**9
@@ -91,3 +95,14 @@ def test_too_many_rejected(many, status):
 def test_sigmas_that_say_nothing(nis, word):
     (finding,) = untrusted(epochs(), [], nis, 0)
     assert finding.kind == "sigmas-off" and word in finding.text
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale", "more"),
+    [("imu-noise", 0.5, True), ("imu-noise", 1.0, False), ("latency", 0.5, False)],
+)
+def test_a_noisy_imu_may_be_fixes_that_were_trusted_too_far(kind, scale, more):
+    run = SimpleNamespace(config=ProcessConfig(filter={"gnss_noise_scale": scale}))
+    finding = FilterRun._completed(run, Finding(kind, "text", answer="choose another grade"))
+    assert ("--gnss-noise-scale is too small" in finding.answer) == more
+    assert finding.answer.startswith("choose another grade")
