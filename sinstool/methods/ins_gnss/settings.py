@@ -72,6 +72,17 @@ class GnssModel:
             velocity_markov=times(self.velocity_markov, velocity),
         )
 
+    def with_slow_position(self, level: float, vertical: float) -> GnssModel:
+        """The same receiver, the slow part of whose positions is so many times as large.
+
+        Parameters
+        ----------
+        level, vertical : float
+            Factors of standard deviations.
+        """
+        north, east, down = self.position_markov
+        return replace(self, position_markov=(level * north, level * east, vertical * down))
+
 
 @dataclass(frozen=True)
 class BaroModel:
