@@ -88,8 +88,17 @@ class VehicleAssumptions:
         """A filter's start with the slow errors of fixes that rests show."""
         if self.constraints is None or self.wander.ordinary:
             return start
-        settings = replace(start.settings, gnss=self.wander.of(start.settings.gnss))
-        return replace(start, settings=settings, gnss_why=f"{start.gnss_why}; {self.wander}")
+        before = start.settings.gnss
+        model = self.wander.of(before)
+        # The first position is that of a fix
+        more = np.square(model.position_markov) - np.square(before.position_markov)
+        covariance = start.start.covariance_position_n + np.diag(more)
+        return replace(
+            start,
+            settings=replace(start.settings, gnss=model),
+            start=replace(start.start, covariance_position_n=covariance),
+            gnss_why=f"{start.gnss_why}; {self.wander}",
+        )
 
     def used(self, summary: FilterSummary) -> VehicleUsed:
         """Constraints as a filter used and estimated them."""
