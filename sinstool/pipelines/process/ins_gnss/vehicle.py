@@ -88,11 +88,11 @@ class VehicleAssumptions:
         """A filter's start with the slow errors of fixes that rests show."""
         if self.constraints is None or self.wander.ordinary:
             return start
-        before = start.settings.gnss
-        model = self.wander.of(before)
+        model = self.wander.of(start.settings.gnss)
         # The first position is that of a fix
-        more = np.square(model.position_markov) - np.square(before.position_markov)
-        covariance = start.start.covariance_position_n + np.diag(more)
+        covariance = start.start.covariance_position_n
+        least = np.square(model.position_white) + np.square(model.position_markov)
+        covariance = covariance + np.diag(np.maximum(least - np.diagonal(covariance), 0.0))
         return replace(
             start,
             settings=replace(start.settings, gnss=model),
