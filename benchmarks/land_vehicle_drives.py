@@ -10,11 +10,14 @@ mount's errors over their sigmas.
 python benchmarks/land_vehicle_drives.py --seeds 20
 python benchmarks/land_vehicle_drives.py --grade mems --seeds 4 --smooth
 python benchmarks/land_vehicle_drives.py --others --seeds 6
+python benchmarks/land_vehicle_drives.py --wheels --seeds 4
 
 With --others no cars, by another program's simulation: boats in waves, walks with an IMU in hand,
 multicopters and aircraft, with outages of forty seconds. What is printed is how many were taken for
-land vehicles or for resting, and horizontal errors with `--vehicle none` and `auto`. With --speed,
-updates that the filter's loop takes in a second with and without constraints.
+land vehicles or for resting, and horizontal errors with `--vehicle none` and `auto`. With --wheels
+cars whose wheels read 3 % too high, are stamped late, or slip on one side: findings, and how far
+positions drift in outages without the wheels and with them. With --speed, updates that the filter's
+loop takes in a second with and without constraints.
 """
 
 from __future__ import annotations
@@ -59,6 +62,11 @@ from tests.methods.ins_gnss.flown import Flown
 
 OTHERS_IMU = UNSEEN_GRADES["industrial"]
 
+FAULTS = {
+    "reads 3 % too high": ("odometry", "--wheel-scale", "3"),
+    "stamped 0.2 s late": ("twist", "--wheel-latency", "0.2"),
+    "left wheel slips": ("joint", "--wheel-slip", "5", "--wheel-slipping", "left"),
+}
 ROWS = ("none", "rest", "axle", "axle, wheels", "rest, axle", "all")
 GRADES = ("mems", "tactical", "navigation")
 DURATION, OUTAGE, EVERY, SETTLED = 600.0, 60.0, 150.0, 90.0
@@ -69,6 +77,7 @@ class Scores:
     """Of the runs of a row."""
 
     metres: list[float] = field(default_factory=list)
+    drift: list[float] = field(default_factory=list)  # the same from the error at the begin on
     attitude: list[float] = field(default_factory=list)
     position: list[float] = field(default_factory=list)
     mount: list[float] = field(default_factory=list)
@@ -109,20 +118,28 @@ def drive(folder: Path, seed: int, grade: str) -> tuple[Path, np.ndarray]:
     random = np.random.default_rng([seed, 19])
     mount = random.uniform(-5.0, 5.0, 3)
     scale, latency = random.uniform(-3.0, 3.0), random.choice([0.0, 0.1, 0.2])
-    words = [
+    path = simulated(
+        folder, seed, grade, mount,
+        "--axle-lever", f"{random.uniform(-0.5, 2.0):.2f}",
+        "--sideslip", f"{random.uniform(0.001, 0.004):.4f}",
+        "--slip", f"{random.uniform(0.02, 0.08):.3f}",
+        "--wheels", str(random.choice(["odometry", "twist", "joint"])),
+        "--wheel-scale", f"{scale:.2f}", "--wheel-latency", f"{latency:g}", "--wheel-slip", "1",
+    )  # fmt: skip
+    return path, np.deg2rad(mount)
+
+
+def simulated(folder: Path, seed: int, grade: str, mount: np.ndarray, *words: str) -> Path:
+    """Log of a drive with outages and an engine that shakes at rest; the mount in degrees."""
+    options = [
         "simulate", "drive", "-o", str(folder / "drive.mcap"), "--duration", str(DURATION),
         "--grade", grade, "--seed", str(seed), "--gnss-model", "coloured",
         "--outages", f"{OUTAGE:g},{EVERY:g}",
-        "--mount", ",".join(f"{a:.4f}" for a in mount),
-        "--axle-lever", f"{random.uniform(-0.5, 2.0):.2f}",
-        "--sideslip", f"{random.uniform(0.001, 0.004):.4f}",
-        "--slip", f"{random.uniform(0.02, 0.08):.3f}", "--idle", "0.3,0.01",
-        "--wheels", str(random.choice(["odometry", "twist", "joint"])),
-        "--wheel-scale", f"{scale:.2f}", "--wheel-latency", f"{latency:g}", "--wheel-slip", "1",
+        "--mount", ",".join(f"{a:.4f}" for a in mount), "--idle", "0.3,0.01", *words,
     ]  # fmt: skip
-    ran = CliRunner().invoke(cli, words)
+    ran = CliRunner().invoke(cli, options)
     assert ran.exit_code == 0, ran.output
-    return folder / "drive.mcap", np.deg2rad(mount)
+    return folder / "drive.mcap"
 
 
 def one(job: tuple[int, str, bool, tuple[str, ...]]) -> dict[str, Scores]:
@@ -152,12 +169,14 @@ def scored(path: Path, chosen: dict[str, Any], solution: Any, mount: np.ndarray)
         mean, _ = nees(error, getattr(rows, f"covariance_{kind}_n"))
         getattr(score, kind).append(mean)
         if kind == "position":
-            level = np.hypot(error[:, 0], error[:, 1])
+            north_east = error[:, :2]
     phase = seconds % EVERY
     for k in range(1, int(DURATION / EVERY)):
         during = (seconds >= k * EVERY) & (phase < OUTAGE)
         during &= seconds < (k + 1) * EVERY
-        score.metres.append(float(np.nanmax(level[during])))
+        held_off = north_east[during]
+        score.metres.append(float(np.nanmax(np.hypot(*held_off.T))))
+        score.drift.append(float(np.nanmax(np.hypot(*(held_off - held_off[0]).T))))
     land = chosen["filter"]["vehicle"]["land"]
     if land is not None:
         found = from_euler(np.deg2rad(land["mount_deg"]))
@@ -219,6 +238,39 @@ def others(seeds: int, jobs: int) -> None:
     print_table(head, table)
 
 
+def faulty(job: tuple[str, int]) -> tuple[Scores, Scores]:
+    """Wheels with a fault: a drive without them, and with."""
+    name, seed = job
+    mount = np.random.default_rng([seed, 19]).uniform(-5.0, 5.0, 3)
+    kind, *fault = FAULTS[name]
+    words = ["--axle-lever", "1.2", "--sideslip", "0.002", "--slip", "0.05", "--wheels", kind]
+    with tempfile.TemporaryDirectory() as folder:
+        path = simulated(Path(folder), seed, "mems", mount, *words, *fault)
+        without = run(path, input={"wheels": "none"})
+        used = run(path)
+        first, second = (scored(path, *ran, np.deg2rad(mount)) for ran in (without, used))
+    return first, second
+
+
+def wheels(seeds: int, jobs: int) -> None:
+    """Table of wheels with faults."""
+    table = []
+    for name in FAULTS:
+        answers = over_seeds(faulty, [(name, seed) for seed in range(seeds)], jobs)
+        drift = [np.concatenate([pair[which].drift for pair in answers]) for which in (0, 1)]
+        told = [kind for _, used in answers for kind in used.told if kind.startswith("wheel")]
+        table.append(
+            [
+                name,
+                ", ".join(f"{kind} {told.count(kind)}" for kind in sorted(set(told))),
+                *(f"{np.sqrt(np.mean(d**2)):.2f}" for d in drift),
+                f"{np.count_nonzero(drift[1] > 1.1 * drift[0] + 0.5)} of {len(drift[0])}",
+            ]
+        )
+    head = ("wheels", "findings, times", "drift without m rms", "with", "outages worse by wheels")
+    print_table(head, table, f"{seeds} drives each")
+
+
 def speed() -> None:
     """Updates a second of the filter's loop."""
     flown = Flown(duration=600.0)
@@ -250,9 +302,12 @@ def speed() -> None:
 
 
 def _worse(answers: list[dict[str, Scores]], row: str) -> str:
-    """Outages that wheels make worse, by more than a tenth and half a metre."""
-    off = np.concatenate([answer[row].metres for answer in answers])
-    without = np.concatenate([answer["rest, axle"].metres for answer in answers])
+    """Outages in which wheels add to the drift, by more than a tenth and half a metre.
+
+    The error of the last fix, metres that no wheel can take away, is there with and without.
+    """
+    off = np.concatenate([answer[row].drift for answer in answers])
+    without = np.concatenate([answer["rest, axle"].drift for answer in answers])
     return f"{np.count_nonzero(off > 1.1 * without + 0.5)} of {len(off)}"
 
 
@@ -262,10 +317,14 @@ def main() -> None:
     options.add_argument("--rows", nargs="+", choices=ROWS, default=ROWS)
     options.add_argument("--smooth", action="store_true")
     options.add_argument("--others", action="store_true", help="what is no car")
+    options.add_argument("--wheels", action="store_true", help="with faults")
     options.add_argument("--speed", action="store_true", help="of the filter's loop")
     args = options.parse_args()
     if args.others:
         others(args.seeds, args.jobs)
+        return
+    if args.wheels:
+        wheels(args.seeds, args.jobs)
         return
     if args.speed:
         speed()

@@ -303,6 +303,10 @@ def begin_anew(m: Memory, model: Model) -> None:
     if first >= 0:
         for i in range(first, min(first + layout.ROWS, n)):
             m.x[i] = 0.0
+            # Unlike at the start, the navigation is not that of a fix
+            for j in range(first):
+                m.p[i, j] = 0.0
+                m.p[j, i] = 0.0
     for i in range(layout.ROWS):
         m.ratio[i] = 1.0
         m.latest[i] = np.nan

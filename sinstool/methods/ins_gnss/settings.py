@@ -72,6 +72,17 @@ class GnssModel:
             velocity_markov=times(self.velocity_markov, velocity),
         )
 
+    def with_slow_position(self, level: float, vertical: float) -> GnssModel:
+        """The same receiver, the slow part of whose positions is so many times as large.
+
+        Parameters
+        ----------
+        level, vertical : float
+            Factors of standard deviations.
+        """
+        north, east, down = self.position_markov
+        return replace(self, position_markov=(level * north, level * east, vertical * down))
+
 
 @dataclass(frozen=True)
 class BaroModel:
@@ -288,6 +299,8 @@ class Start:
         Known already, rad/s and m/s^2: to be taken off the increments.
     gyro_bias_sigma, accel_bias_sigma : float, optional
         How well; by default as the noise of the IMU says.
+    by_fixes : bool, optional
+        Position and velocity are those of fixes, and so hold the slow errors that these have then.
     """
 
     nav: FloatArray
@@ -298,6 +311,7 @@ class Start:
     accel_bias: FloatArray = field(default_factory=lambda: np.zeros(3))
     gyro_bias_sigma: float | None = None
     accel_bias_sigma: float | None = None
+    by_fixes: bool = False
 
     def __post_init__(self) -> None:
         if self.nav.shape != (NAV_SIZE,) or not np.all(np.isfinite(self.nav)):

@@ -88,6 +88,7 @@ def start_at(
         np.asarray(gyro_bias, dtype=np.float64),
         np.zeros(3),
         gyro_bias_sigma,
+        by_fixes=True,
     )
 
 

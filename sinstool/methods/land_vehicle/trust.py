@@ -2,6 +2,11 @@
 
 The velocity of a smoother without constraints, in the vehicle's axes, shows what a constraint
 would say wrongly. Innovations inside a constrained filter do not: mount and lever bend first.
+
+References
+----------
+.. [1] K.-Y. Liang, S. L. Zeger, "Longitudinal data analysis using generalized linear models",
+   Biometrika 73, 1986, 13-22: variances of estimates from data that are alike within groups.
 """
 
 from __future__ import annotations
@@ -37,9 +42,11 @@ MOST_ANGLE, MOST_FAR = 2.0 * DEGREE, 0.05
 LEAST_CONCENTRATION = 0.8
 # A track that is less certain than this across its way, rad, cannot tell.
 MOST_OWN = 2.0 * DEGREE
-# A car is pushed sideways in its turns by this share of what they take, at least; an aircraft leans
-# into them. Turns of less than so much, m/s^2 (RMS), show neither.
-LEAST_PUSH, LEAST_TURNS = 0.5, 0.2
+# A car is pushed sideways in its turns by what they take, and an aircraft, which leans into them,
+# not at all: halfway between, by so many sigmas. A share less certain than this shows neither.
+LEAST_PUSH, PUSH_SIGMAS, MOST_PUSH_SIGMA = 0.5, 2.0, 0.2
+# Span, s, over which what is felt sideways is alike.
+SPAN_S = 10.0
 # How well a mount is known that is given, rad, and by how much the way may deny it.
 OPTION_SIGMA, MOST_OFF = 1.0 * DEGREE, 5.0 * DEGREE
 # Beside a bad row nothing is held, s.
@@ -186,16 +193,32 @@ def _doubt(lateral: AxisTrust, vertical: AxisTrust, axle: float) -> str:
 
 def _leans(rows: _Rows, moving: BoolArray) -> str:
     """Reason why turns show no land vehicle; empty where they show one."""
+    share, sigma = _push(rows, moving)
+    if sigma < MOST_PUSH_SIGMA and share - PUSH_SIGMAS * sigma > LEAST_PUSH:
+        return ""
+    if sigma < MOST_PUSH_SIGMA and share < LEAST_PUSH:
+        return "it leans into its turns, as aircraft do"
+    return "it turns too little to tell what it is"
+
+
+def _push(rows: _Rows, moving: BoolArray) -> tuple[float, float]:
+    """Share of what turns take that is felt sideways, less both means; and its sigma.
+
+    The mean is the mount's roll. What else is felt sideways, as the road's camber, lasts for
+    seconds: so the sigma is by sums over spans of it [1]_.
+    """
     turn = (rows.velocity[:, 0] * rows.rate[:, 2])[moving]
     push = rows.right[moving]
-    size = float(np.sqrt(np.mean(turn**2)))
-    if size < LEAST_TURNS:
-        return "it turns too little to tell what it is"
-    # Less its mean: the mount's roll
-    share = float(np.mean((push - push.mean()) * (turn - turn.mean())) / np.var(turn))
-    if share < LEAST_PUSH:
-        return "it leans into its turns, as aircraft do"
-    return ""
+    turn, push = turn - turn.mean(), push - push.mean()
+    size = float(turn @ turn)
+    if size == 0.0:
+        return 0.0, np.inf
+    share = float(turn @ push) / size
+    span = np.floor(rows.time[moving] / SPAN_S).astype(np.int64)
+    spans = len(np.unique(span))
+    sums = np.bincount(span, weights=turn * (push - share * turn))
+    few = np.sqrt(spans / (spans - 1.0)) if spans > 1 else np.inf
+    return share, float(few * np.sqrt(sums @ sums)) / size
 
 
 def _at(means: Means, values: FloatArray, track: Track) -> FloatArray:

@@ -9,6 +9,7 @@ from sinstool.core import rotation
 from sinstool.methods.ins_gnss import instants, land_vehicle, states
 from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints, LandVehicle
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.methods.strapdown.navigation import initial_state
 from tests.methods.ins_gnss.flown import Flown
 
@@ -126,3 +127,52 @@ def test_a_filter_that_moves_denies_a_rest():
 
 def _earth_rate(latitude):
     return 7.292115e-5 * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
+
+
+@pytest.mark.parametrize("by_fixes", [True, False])
+def test_a_position_from_a_fix_holds_its_slow_error(by_fixes):
+    """At rest a lasting error of the fixes stays unknown, however many of them there are."""
+    white, slow, seconds = 2.0, 5.0, 40
+    flown = Flown(duration=float(seconds))
+    interval = flown.increments.interval
+    n = round(seconds * 1e9 / STEP_NS) + 2
+    flags = np.ones(n, bool)
+    start_ns = int(flown.increments.time_ns[0]) - STEP_NS
+    constraints = Constraints(start_ns, flags, flags, ~flags, np.full(n, np.nan), None)
+    nav = flown.start.nav.copy()
+    nav[3:10] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
+    start = replace(
+        flown.start,
+        nav=nav,
+        covariance_position_n=(white**2 + slow**2) * np.eye(3),
+        by_fixes=by_fixes,
+    )
+    still = replace(
+        flown.increments,
+        rotation_vector=np.zeros((len(interval), 3)),
+        velocity_increment=np.outer(interval, [0.0, 0.0, -9.81]),
+    )
+    model = GnssModel((white,) * 3, (slow,) * 3, 1e6, (1.0,) * 3, (1e-3,) * 3)
+    at = flown.gnss.rows(flown.gnss.time_ns < still.time_ns[-1])
+    ones = np.ones(len(at))
+    fixes = replace(
+        at,
+        latitude=nav[0] * ones,
+        longitude=nav[1] * ones,
+        height=nav[2] * ones,
+        velocity_n=np.full((len(at), 3), np.nan),
+        sigma_position_n=np.full((len(at), 3), np.nan),
+        sigma_velocity_n=np.full((len(at), 3), np.nan),
+    )
+    run = InsGnssFilter(
+        start, flown.using("markov-27", gnss=model), with_baro=False, constraints=constraints
+    )
+    run.push(still, fixes)
+    assert run.summary.epochs_used > 30
+    # By all fixes, and that of the start: what their mean is off by
+    known = np.sqrt(slow**2 + white**2 / (run.summary.epochs_used + 1.0))
+    sigma = np.sqrt(np.diagonal(run.covariance)[:2])
+    if by_fixes:
+        assert sigma == pytest.approx(known, rel=0.01)
+    else:  # a position known otherwise, which is one more measurement
+        assert np.all(sigma < 0.8 * known)

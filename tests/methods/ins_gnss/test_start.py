@@ -1,11 +1,15 @@
 """Position and velocity of starts on simulated flights, against where the vehicle was."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import exp, multiply, rotate
+from sinstool.methods.ins_gnss.parameters import initial_covariance
 from sinstool.methods.ins_gnss.start import start_at
+from sinstool.methods.ins_gnss.states import GNSS_POSITION, GNSS_VELOCITY, filter_kind
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples, moments
@@ -98,3 +102,23 @@ def test_attitude_errors_turn_the_lever_arm_and_its_swing():
     np.testing.assert_allclose(position, arm @ covariance @ arm.T, rtol=1e-6, atol=1e-10)
     velocity = unknown.covariance_velocity_n - known.covariance_velocity_n
     np.testing.assert_allclose(velocity, swing @ covariance @ swing.T, rtol=1e-6, atol=1e-10)
+
+
+def test_a_start_by_fixes_shares_their_slow_errors():
+    """A covariance still, whatever the fix claims, and for the slow part that of the model."""
+    truth = road_drive(110.0, 100.0, heading=2.3, still_s=30.0, seed=2)
+    gnss = epochs(gnss_samples(truth, Receiver(2.0, 20.0, errors=SHARP), 1), own_sigma=True)
+    moment = moments(truth, truth.time_ns[4000:4001])
+    kind = filter_kind("markov-27")
+    position, velocity = (kind.first(block) for block in (GNSS_POSITION, GNSS_VELOCITY))
+    for claims in (0.01, 1.0, 20.0):
+        stated = replace(gnss, sigma_position_n=np.full_like(gnss.sigma_position_n, claims))
+        settings = for_grade("mems", lever_arm_b=LEVER)
+        start = start_at(int(moment.time_ns[0]), moment.q_nb[0], 1e-2 * np.eye(3), stated, settings)
+        p = initial_covariance(kind, start, settings)
+        np.linalg.cholesky(p + 1e-12 * np.eye(len(p)))
+        shared = np.diagonal(p[:3, position : position + 3])
+        assert np.all(shared > 0.0) and np.all(shared <= np.diagonal(p)[:3] + 1e-9)
+        if claims > 10.0:
+            assert shared == pytest.approx(np.square(settings.gnss.position_markov), rel=1e-6)
+        assert np.all(np.diagonal(p[3:6, velocity : velocity + 3]) > 0.0)

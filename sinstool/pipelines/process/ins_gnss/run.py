@@ -135,6 +135,7 @@ class FilterRun(Mode):
         # GNSS, barometer and wheels have been read
         self.source.log.cache(())
         self._stretches = [self._stretch(self.source, self._start)]
+        self._start = self._stretches[0].start
         self._mount = self._stretches[0].vehicle.mount
         if self._mount is not None:
             self.emits = (*self.emits, "vehicle")
@@ -144,6 +145,7 @@ class FilterRun(Mode):
     ) -> Stretch:
         longest = longest_carried(start.settings)
         vehicle = find_vehicle(source, self.config, self.plan.algorithm, start, longest)
+        start = vehicle.started(start)
         run = self._filter_from(start, vehicle.constraints)
         return Stretch(source, start, run, vehicle, gap)
 

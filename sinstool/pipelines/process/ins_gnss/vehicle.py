@@ -26,6 +26,7 @@ from sinstool.methods.ins_gnss.states import ATTITUDE, VELOCITY
 from sinstool.methods.land_vehicle.rest import Rests, find_rests
 from sinstool.methods.land_vehicle.track import Means, MeansStage, Track
 from sinstool.methods.land_vehicle.trust import Trust, find_trust
+from sinstool.methods.land_vehicle.wander import AS_STATED, Wander, find_wander
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z, V_DOWN, V_NORTH
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.wheels import WheelsUsed, use_wheels
@@ -68,6 +69,8 @@ class VehicleAssumptions:
         The user names the topic of its wheels.
     wheels : WheelsUsed or None
         Whose speed is used.
+    wander : Wander
+        Of the fixes while it stands.
     """
 
     constraints: Constraints | None = None
@@ -79,6 +82,23 @@ class VehicleAssumptions:
     denied: tuple[Finding, ...] = ()
     wheels_named: bool = False
     wheels: WheelsUsed | None = None
+    wander: Wander = AS_STATED
+
+    def started(self, start: FilterStart) -> FilterStart:
+        """A filter's start with the slow errors of fixes that rests show."""
+        if self.constraints is None or self.wander.ordinary:
+            return start
+        model = self.wander.of(start.settings.gnss)
+        # The first position is that of a fix
+        covariance = start.start.covariance_position_n
+        least = np.square(model.position_white) + np.square(model.position_markov)
+        covariance = covariance + np.diag(np.maximum(least - np.diagonal(covariance), 0.0))
+        return replace(
+            start,
+            settings=replace(start.settings, gnss=model),
+            start=replace(start.start, covariance_position_n=covariance),
+            gnss_why=f"{start.gnss_why}; {self.wander}",
+        )
 
     def used(self, summary: FilterSummary) -> VehicleUsed:
         """Constraints as a filter used and estimated them."""
@@ -254,6 +274,11 @@ def find_vehicle(
     chosen = replace(chosen, wheels_named=config.input.wheels not in (None, NONE))
     if vehicle is None and chosen.rest_s < LEAST_REST_S:
         return chosen
+    latency_ns = round(start.settings.gnss_latency * SECOND)
+    wander = find_wander(rests.at, means.start_ns, start.used, latency_ns, start.settings.gnss)
+    if not wander.ordinary:
+        log_choice("GNSS at rest", str(wander))
+    chosen = replace(chosen, wander=wander)
     wheels = None
     if vehicle is not None:
         wheels = use_wheels(source.aiding.wheels, means, track, vehicle.c_vb)

@@ -1,5 +1,7 @@
 """Rest, wheels and axles that cannot slide over whole logs: used where they hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -15,8 +17,8 @@ from sinstool.pipelines.process.errors_against_truth import read_references
 from sinstool.pipelines.process.ins_gnss.vehicle import mount_of
 from sinstool.pipelines.process.run import process
 from tests.helpers.filter_logs import errors, nees, run, simulated
-from tests.helpers.imulogs import serialised, store
-from tests.helpers.unseen_drives import GRADES, LEVER, boat, multicopter, record, walk, write
+from tests.helpers.imulogs import T0, serialised, store
+from tests.helpers.unseen_drives import GRADES, LEVER, boat, drive, multicopter, record, walk, write
 from tests.io.readers.test_transforms import static
 
 MOUNT = (2.0, -4.0, 5.0)
@@ -105,6 +107,23 @@ def test_a_vehicle_that_stands_stays_where_it_is(tmp_path):
     stands = (seconds > 20.0) & (seconds < 145.0)
     assert np.sqrt(np.mean(np.sum(solution.velocity_n[stands] ** 2, axis=1))) < 0.02
     assert np.ptp(solution.position[stands, 2]) < 1.0
+
+
+def test_fixes_that_wander_while_it_stands_are_believed_less(tmp_path):
+    """Heights of a parked car that go up and down by more than the receiver says."""
+    truth = drive(3, 240.0, rest=150.0)
+    data = record(truth, GRADES["industrial"], 3, gnss_rate=2.0, sigma=0.3, sigma_v=0.05)
+    heights = data.fixes.height + 3.0 * np.sin(0.03 * data.fixes.seconds)
+    log = write(tmp_path / "log.mcap", replace(data, fixes=replace(data.fixes, height=heights)))
+    arm = tuple(LEVER.tolist())
+    chosen, solution = run(log, gnss={"lever_arm": arm}, input={"gyro_kind": "mean-rate"})
+    assert "in height" in chosen["filter"]["gnss_noise"]
+    seconds = (solution.time_ns - T0) * 1e-9
+    parked = (seconds > 70.0) & (seconds < 145.0)
+    k = np.searchsorted(truth.seconds, seconds[parked] - 1e-6)
+    off = solution.position[parked, 2] - truth.height[k]
+    sigma = np.sqrt(solution.covariance_position_n[parked, 2, 2])
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
 
 
 @pytest.mark.parametrize("scenario", ["manoeuvring-flight", "spiral-climb"])
