@@ -141,11 +141,11 @@ class Copy:
                 total += took
         return chosen, total, len(ranked) - len(chosen)
 
-    def slow_tests_of(self, mutant: Mutant) -> str:
-        """Folder of the slow tests of a mutant's module; '' if there is none."""
-        folder = Path(mutant.path.replace("sinstool/", "tests/", 1)).parent
-        slow = any("mark.slow" in p.read_text() for p in (self.root / folder).glob("test_*.py"))
-        return str(folder) if slow else ""
+    def slow_tests_of(self, mutant: Mutant) -> list[str]:
+        """Files with slow tests in the folder of a mutant's module, not those below it."""
+        folder = (self.root / mutant.path.replace("sinstool/", "tests/", 1)).parent
+        slow = [p for p in sorted(folder.glob("test_*.py")) if "mark.slow" in p.read_text()]
+        return [str(p.relative_to(self.root)) for p in slow]
 
     def judge(
         self, mutant: Mutant, nodes: Sequence[str], seconds: float, marks: str = QUICK
@@ -289,9 +289,9 @@ def run(copy: Copy, mutants: dict[int, Mutant], tests: Sequence[str], seconds: f
     for number, mutant in mutants.items():
         nodes, expected, left_out = copy.tests_of(mutant, seconds)
         begun = time.monotonic()
-        slow = "" if nodes else copy.slow_tests_of(mutant)
+        slow = [] if nodes else copy.slow_tests_of(mutant)
         if slow:
-            nodes = [slow]
+            nodes = slow
             verdict = copy.judge(mutant, nodes, SLOW_S, "slow")
         else:
             verdict = copy.judge(mutant, nodes, expected) if nodes else ""
