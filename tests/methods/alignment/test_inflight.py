@@ -389,7 +389,7 @@ def test_noise_of_each_fix():
         rough = replace(gnss, velocity_n=gnss.velocity_n + noise)
         answer = align_in_flight(imu, replace(rough, sigma_v=sigma))
         assert 0.8 < answer.chi2 < 1.2
-        assert any("noisier than their neighbours" in w for w in answer.warnings)
+        assert any("much less certain than those of their neighbours" in w for w in answer.warnings)
         weighted.append(error_deg(answer, flight))
         alike.append(
             error_deg(align_in_flight(imu, rough, AlignmentSettings(gnss_sigma_v=1.0)), flight)

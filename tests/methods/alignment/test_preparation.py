@@ -211,4 +211,4 @@ def test_velocities_much_noisier_than_their_neighbours_spoil_no_positions(vector
     if vectors == "pos":
         assert len(good) == 300 and not warnings
     else:
-        assert len(good) == 297 and "3 fixes much noisier" in warnings[0]
+        assert len(good) == 297 and "3 fixes whose velocities are much less certain" in warnings[0]

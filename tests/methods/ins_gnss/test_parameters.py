@@ -32,7 +32,7 @@ from tests.helpers.filter_start import start
 IMU = SensorGrade(
     gyro_bias=3e-5, accel_bias=2e-3, angle_random_walk=7e-6, velocity_random_walk=9e-4,
     gyro_scale=4e-4, accel_scale=6e-4, gyro_instability=1e-5, accel_instability=5e-4,
-    bias_time_s=700.0,
+    bias_time_s=700.0, scale_wander=0.25,
 )  # fmt: skip
 GNSS = GnssModel((1.0, 2.0, 3.0), (4.0, 5.0, 6.0), 210.0, (0.1, 0.2, 0.3), (0.4, 0.5, 0.6), 50.0)
 SETTINGS = Settings(
