@@ -15,7 +15,8 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.rotation import skew, to_dcm
-from sinstool.methods.ins_gnss.parameters import TURN
+from sinstool.methods.ins_gnss import states
+from sinstool.methods.ins_gnss.parameters import TURN, sensor_densities
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.velocity import Increments
@@ -70,6 +71,7 @@ def carried_back(
         strict=True,
     )
     seconds, covariances = [0.0], [p[:9, :9]]
+    densities = _noise(imu)
     for length, force, turn, turn_scale, force_scale, angle in reversed(list(steps)):
         f = np.eye(SIZE)
         f[P, V] = length * np.eye(3)
@@ -80,7 +82,7 @@ def carried_back(
             (0.5 * length * force_scale),
         )
         f[A, BG], f[A, SG] = turn, turn_scale
-        noise = _noise(imu) * length
+        noise = densities * length
         noise[A] += imu.gyro_misalignment**2 * TURN * angle
         back = np.linalg.inv(f)
         p = back @ (p + np.diag(noise)) @ back.T
@@ -102,10 +104,10 @@ def _first(start: Start, imu: SensorGrade) -> FloatArray:
 
 def _noise(imu: SensorGrade) -> FloatArray:
     """Power densities of what drives the errors, shape (21,)."""
-    q = np.zeros(SIZE)
-    q[V], q[A] = imu.velocity_random_walk**2, imu.angle_random_walk**2
-    wander = 2.0 / imu.bias_time_s
-    q[BG], q[BA] = wander * imu.gyro_instability**2, wander * imu.accel_instability**2
-    q[SG] = wander * (imu.scale_wander * imu.gyro_scale) ** 2
-    q[SA] = wander * (imu.scale_wander * imu.accel_scale) ** 2
+    q, of = np.zeros(SIZE), sensor_densities(imu)
+    q[V], q[A], q[BG], q[BA] = (
+        of[block]
+        for block in (states.VELOCITY, states.ATTITUDE, states.GYRO_BIAS, states.ACCEL_BIAS)
+    )
+    q[SG], q[SA] = of[states.GYRO_SCALE], of[states.ACCEL_SCALE]
     return q

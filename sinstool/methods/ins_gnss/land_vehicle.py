@@ -253,7 +253,7 @@ def rolling_rows(m: Memory, model: Model, speed: float) -> tuple[int, float, flo
     m.h[0, first + states.MOUNT_YAW] = -v[0]
     m.h[1, first + states.MOUNT_PITCH] = v[0]
     m.h[0, first + states.AXLE] = w[2]
-    # None for the vertical: on its springs a body pitches and heaves at once, about no axle
+    # The vertical says nothing of the axle: on its springs the body pitches and heaves together
     m.h[0, first + states.SIDESLIP] = -w[2] * v[0] * v[0]
     m.h[1, first + states.SQUAT] = forward * v[0]
     if rows == 3:

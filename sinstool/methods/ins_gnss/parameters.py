@@ -11,6 +11,7 @@ from sinstool.core.arrays import FloatArray
 from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.constraints import LandVehicle
 from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.sensor_errors import SensorGrade
 
 _ADAPTIVE = {"off": 0.0, "sage-husa": 1.0, "innovation": 2.0}
 CHANNEL_GATE = 8.0  # m, of the vertical channel
@@ -80,6 +81,19 @@ def decay_rates(kind: states.FilterKind, settings: Settings) -> FloatArray:
     return rate[kind.states]
 
 
+def sensor_densities(imu: SensorGrade) -> dict[int, float]:
+    """Power densities of what sensors drive, by the first state of each block of three."""
+    wander = 2.0 / imu.bias_time_s
+    return {
+        states.VELOCITY: imu.velocity_random_walk**2,
+        states.ATTITUDE: imu.angle_random_walk**2,
+        states.GYRO_BIAS: wander * imu.gyro_instability**2,
+        states.ACCEL_BIAS: wander * imu.accel_instability**2,
+        states.ACCEL_SCALE: wander * (imu.scale_wander * imu.accel_scale) ** 2,
+        states.GYRO_SCALE: wander * (imu.scale_wander * imu.gyro_scale) ** 2,
+    }
+
+
 def noise_densities(kind: states.FilterKind, start: Start, settings: Settings) -> FloatArray:
     """Power densities of the process noise, virtual noise included; shape (n,).
 
@@ -88,17 +102,10 @@ def noise_densities(kind: states.FilterKind, start: Start, settings: Settings) -
     q = np.zeros(states.SIZE)
     imu, gnss, control = settings.imu, settings.gnss, settings.control
     gyro, accel = _bias_sigmas(start, settings)
-    q[states.VELOCITY : states.VELOCITY + 3] = imu.velocity_random_walk**2
-    q[states.ATTITUDE : states.ATTITUDE + 3] = imu.angle_random_walk**2
+    for block, density in sensor_densities(imu).items():
+        q[block : block + 3] = density
     q[states.CORRECTION] = settings.correction_walk**2
     q[states.BARO] = 2.0 * settings.baro.decay * settings.baro.sigma**2
-    q[states.GYRO_BIAS : states.GYRO_BIAS + 3] = 2.0 * imu.gyro_instability**2 / imu.bias_time_s
-    q[states.ACCEL_BIAS : states.ACCEL_BIAS + 3] = 2.0 * imu.accel_instability**2 / imu.bias_time_s
-    for block, scale in (
-        (states.ACCEL_SCALE, imu.accel_scale),
-        (states.GYRO_SCALE, imu.gyro_scale),
-    ):
-        q[block : block + 3] = 2.0 * (imu.scale_wander * scale) ** 2 / imu.bias_time_s
     q[states.GNSS_POSITION : states.GNSS_POSITION + 3] = (
         2.0 * np.square(gnss.position_markov) / gnss.position_time
     )
