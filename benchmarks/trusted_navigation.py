@@ -282,8 +282,12 @@ def table(grade: str, args) -> None:
     noise_options = same_noise(GRADES[grade], grade)
     cases = {"told": noise_options, "automatic": []}
     cases = {name: options for name, options in cases.items() if name in args.rows}
+    more: dict[str, list[str]] = {}
     for text in args.more:
-        cases[f"told, {text}"] = [*noise_options, *shlex.split(text)]
+        # Without rows of the program, beside the one that is told everything
+        for name, words in list(cases.items()) or [("told", noise_options)]:
+            more[f"{name}, {text}"] = [*words, *shlex.split(text)]
+    cases |= more
     scores: dict[str, Score] = {}
     truth = drive(args.seed, args.duration)
     with tempfile.TemporaryDirectory() as folder:
@@ -308,7 +312,7 @@ def main() -> None:
         action="append",
         default=[],
         metavar="OPTIONS",
-        help="one more row: the same noise and these options; repeatable",
+        help="one more row for each of told and automatic, with these options; repeatable",
     )
     options.add_argument("--times", action="store_true", help="seconds of each run")
     args = options.parse_args()

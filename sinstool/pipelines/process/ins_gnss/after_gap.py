@@ -101,7 +101,10 @@ def start_after_gap(
     )
     try:
         part = part_of(source, config, begin_ns, begin_ns + SEARCHED_NS)
-        start, time_ns, how, _ = find_start(part, here, first.settings, first.used)
+        # Fixes may return long after the Imu does
+        valid_ns = first.used.time_ns - round(first.settings.gnss_latency * SECOND)
+        after = first.used.rows(valid_ns >= begin_ns)
+        start, time_ns, how, _ = find_start(part, here, first.settings, after)
     except (AlignmentError, DataError) as exc:
         log_choice("start after a gap", f"none found: {exc}")
         return None

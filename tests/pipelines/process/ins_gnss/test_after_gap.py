@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from benchmarks.trusted_navigation import process, read_back
-from tests.helpers.unseen_drives import GRADES, LEVER, drive, flight, record, without_samples, write
+from tests.helpers.unseen_drives import (
+    GRADES,
+    LEVER,
+    drive,
+    flight,
+    record,
+    without_fixes,
+    without_samples,
+    write,
+)
 
 ARM = ",".join(str(x) for x in LEVER)
 
@@ -34,6 +43,22 @@ def test_after_a_long_gap_attitude_is_found_from_what_follows(tmp_path, options,
     assert error[after].max() < 1.0
     assert sigmas[after].max() < 5.0
     assert np.sqrt(np.mean(np.square(sigmas[after]))) < 2.0
+
+
+@pytest.mark.slow
+def test_fixes_that_return_after_the_imu_show_the_attitude_after_a_gap(tmp_path):
+    """140 m off at 39 sigmas before: a start was looked for where there were no fixes yet."""
+    truth = flight(seed=6, duration=300.0, turbulent=True)
+    data = without_samples(record(truth, GRADES["tactical"], 6), 110.0, 80.0)
+    log = write(tmp_path / "gap.mcap", without_fixes(data, [(130.0, 205.0)]))
+    answer, status, _ = process(log, truth, ["--smooth"])
+    assert status == 0
+    error, sigmas = level(answer)
+    blind = (answer.seconds > 190.5) & (answer.seconds < 205.0)
+    assert blind.sum() > 100
+    assert error[blind].max() < 30.0
+    assert sigmas[blind].max() < 4.0
+    assert error[answer.seconds > 207.0].max() < 1.0
 
 
 @pytest.mark.slow
