@@ -1,4 +1,6 @@
-"""Memory that was freed stays with the process, as the next block of a log needs it again.
+"""Memory: what is left of it, and what was freed.
+
+What was freed stays with the process, as the next block of a log needs it again.
 
 The C library gives large pieces back to the system as soon as they are freed, and the system clears
 them before it gives them out anew: for columns that live for a block this takes longer than what is
@@ -53,6 +55,18 @@ def give_back() -> None:
     library = _glibc()
     if library is not None:
         library.malloc_trim(0)
+
+
+def available() -> int | None:
+    """Bytes of memory that the system can still give out; None where it does not say."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as lines:
+            for line in lines:
+                if line.startswith("MemAvailable:"):
+                    return 1024 * int(line.split()[1])
+    except (OSError, ValueError, IndexError):
+        pass
+    return None
 
 
 @cache

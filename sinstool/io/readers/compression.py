@@ -9,12 +9,15 @@ from typing import Any
 import lz4.frame
 import zstandard
 
-from sinstool.io.readers.limits import MAX_BLOCK
+from sinstool.core.memory import available
+from sinstool.io.readers.limits import MAX_BLOCK, ORDINARY_BLOCK
 
 _MAGICS = {"zstd": b"\x28\xb5\x2f\xfd", "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh91AY&SY"}
 # No measurement swells more; what does is a bomb, and in a damaged block it is left alone.
 MOST_SWELLING = 1024
 _PIECE = 256
+# A block is in memory so many times at most: as it is in the file, unpacked, packed anew, written.
+COPIES = 4
 
 _local = threading.local()
 
@@ -25,6 +28,30 @@ class CompressionError(ValueError):
 
 class UnknownCompressionError(CompressionError):
     """The name of the compression is none we know."""
+
+
+def too_large(size: int, packed: int) -> str:
+    """Why a block is not taken, in words that follow its size; empty for one that is.
+
+    Parameters
+    ----------
+    size : int
+        Bytes of its content.
+    packed : int
+        Bytes of it in the file; as many as `size` where it is not compressed.
+    """
+    if size <= ORDINARY_BLOCK:
+        return ""
+    if size > min(MAX_BLOCK, MOST_SWELLING * packed):
+        most = max(ORDINARY_BLOCK, min(MAX_BLOCK, MOST_SWELLING * packed))
+        return f"more than the {most // 2**20} MiB that are accepted"
+    free = available()
+    if free is not None and COPIES * size > free:
+        return (
+            f"which takes {COPIES * size // 2**20} MiB of memory, where {free // 2**20} MiB"
+            " are available"
+        )
+    return ""
 
 
 def decompress(name: str, data: bytes | memoryview, size: int) -> bytes | memoryview:
@@ -45,12 +72,10 @@ def decompress(name: str, data: bytes | memoryview, size: int) -> bytes | memory
     Raises
     ------
     CompressionError
-        The data is corrupt, declares more than 256 MiB, or has another size when decompressed.
+        The data is corrupt, has another size when decompressed, or is too large.
     """
-    if size > MAX_BLOCK:
-        raise CompressionError(
-            f"declares {size} bytes, more than the {MAX_BLOCK // 2**20} MiB that are accepted"
-        )
+    if why := too_large(size, len(data)):
+        raise CompressionError(f"declares {size} bytes, {why}")
     try:
         out = _decompress(name, data, size)
     except UnknownCompressionError:
@@ -101,7 +126,7 @@ def decompress_prefix(name: str, data: bytes | memoryview, limit: int) -> bytes 
         return bytes(data[:limit])
     if name not in ("zstd", "lz4", "bz2"):
         return b""
-    limit = min(limit, MAX_BLOCK, MOST_SWELLING * len(data) + _PIECE)
+    limit = min(limit, ORDINARY_BLOCK, MOST_SWELLING * len(data) + _PIECE)
     out, good = _feed(name, data, 0, _PIECE, limit)
     if good < len(data) and len(out) < limit:
         # Somewhere in the next piece: all that comes before that byte is still to be had.

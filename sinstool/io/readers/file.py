@@ -12,8 +12,13 @@ from typing import TypeVar
 from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.threads import executor, is_single_threaded
 from sinstool.io.readers.batch import RawBatch
-from sinstool.io.readers.compression import CompressionError, UnknownCompressionError, decompress
-from sinstool.io.readers.limits import LARGE, MAX_BLOCK
+from sinstool.io.readers.compression import (
+    CompressionError,
+    UnknownCompressionError,
+    decompress,
+    too_large,
+)
+from sinstool.io.readers.limits import LARGE
 from sinstool.io.readers.log import Log
 
 Item = TypeVar("Item")
@@ -98,8 +103,8 @@ class FileLog(Log):
         UnsupportedLogError
             The compression is none we know, and `salvage` is off.
         """
-        if data_length > MAX_BLOCK:
-            return f"a chunk of {data_length} bytes is more than we take"
+        if why := too_large(data_length, data_length):
+            return f"a chunk has {data_length} bytes, {why}"
         try:
             return decompress(name, self.read_at(data_offset, data_length), size)
         except UnknownCompressionError as exc:

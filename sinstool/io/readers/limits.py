@@ -5,9 +5,12 @@ They are plain numbers, as compiled searches take them in too.
 
 from __future__ import annotations
 
-# A block or a single record beyond this, packed or not, is refused: recorders use chunks of about
-# 1 MiB, and a hostile or damaged size must not cost memory.
-MAX_BLOCK = 256 * 2**20
+# Blocks and single records, packed or not, are taken up to this size without a question: recorders
+# use chunks of about 1 MiB. Of a damaged block no more than this is unpacked.
+ORDINARY_BLOCK = 256 * 2**20
+# Larger ones, of point clouds and maps, are taken where there is memory for them; see
+# `sinstool.io.readers.compression.too_large`. What is beyond this is refused.
+MAX_BLOCK = 2**31 - 1
 # A record of an MCAP other than a chunk or an attachment that claims more than this is damage.
 MAX_RECORD = 64 * 2**20
 # An index at the end of a file that is larger is not read: the records themselves tell the same.

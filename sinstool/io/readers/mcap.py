@@ -21,7 +21,13 @@ from sinstool.core.errors import NotALogError
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.file import read_ahead
 from sinstool.io.readers.formats import MCAP_MAGIC as MAGIC
-from sinstool.io.readers.limits import MAX_BLOCK, MAX_DEFINITIONS, MAX_INDEX, MAX_RECORD, ROWS
+from sinstool.io.readers.limits import (
+    MAX_DEFINITIONS,
+    MAX_INDEX,
+    MAX_RECORD,
+    ORDINARY_BLOCK,
+    ROWS,
+)
 from sinstool.io.readers.log import Channel
 from sinstool.io.readers.lost import Lost
 from sinstool.io.readers.mcap_file import (
@@ -278,7 +284,7 @@ class McapLog(McapFile):
     def _salvaged(self, place: ChunkPlace) -> tuple[np.ndarray, list[tuple[int, int]], bool]:
         """The readable part of a damaged chunk: its bytes, its runs of whole records, and whether
         its CRC proves them."""
-        length = min(MAX_BLOCK, place.offset + place.length - place.data_offset)
+        length = min(ORDINARY_BLOCK, place.offset + place.length - place.data_offset)
         data = self.read_at(place.data_offset, length)
         content, proved = unpack(place.compression, data, place.size, place.crc)
         mask = channel_mask(self.channels)

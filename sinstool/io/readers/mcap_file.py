@@ -16,10 +16,10 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from sinstool.io.readers.batch import RawBatch
-from sinstool.io.readers.compression import compression_of, packed_at
+from sinstool.io.readers.compression import compression_of, packed_at, too_large
 from sinstool.io.readers.file import FileLog
 from sinstool.io.readers.formats import MCAP_MAGIC as MAGIC
-from sinstool.io.readers.limits import MAX_BLOCK, ROWS, WINDOW
+from sinstool.io.readers.limits import ROWS, WINDOW
 from sinstool.io.readers.lost import Lost
 from sinstool.io.readers.resync import next_mcap
 from sinstool.io.readers.salvage import channel_mask, search
@@ -122,7 +122,7 @@ class McapFile(FileLog):
                     continue
                 what = "a message record runs over the end of the file"
                 if length <= end - pos - 9:
-                    what = f"a message of {length >> 20} MiB is longer than {MAX_BLOCK >> 20} MiB"
+                    what = f"a message has {length} bytes, {too_large(length, length)}"
             elif len(head) < 9:
                 what = "the file ends inside a record"
             elif op == 0 or length > end - pos - 9:
@@ -220,7 +220,7 @@ class McapFile(FileLog):
                 continue
             head = self.read_at(pos, 9)
             length = record_length(head) if len(head) == 9 else 0
-            if not 22 <= length <= end - pos - 9 or length > MAX_BLOCK or need:
+            if not 22 <= length <= end - pos - 9 or too_large(length, length) or need:
                 break
             need = 9 + length
         return pos, last

@@ -17,10 +17,10 @@ import numpy as np
 
 from sinstool.core.errors import NotALogError, UnsupportedLogError
 from sinstool.io.readers.batch import RawBatch
-from sinstool.io.readers.compression import packed_at
+from sinstool.io.readers.compression import packed_at, too_large
 from sinstool.io.readers.file import FileLog, read_ahead
 from sinstool.io.readers.formats import ROSBAG1_MAGIC
-from sinstool.io.readers.limits import MAX_BLOCK, MAX_DEFINITIONS, MAX_INDEX, ROWS, WINDOW
+from sinstool.io.readers.limits import MAX_DEFINITIONS, MAX_INDEX, ORDINARY_BLOCK, ROWS, WINDOW
 from sinstool.io.readers.log import Channel
 from sinstool.io.readers.lost import Lost
 from sinstool.io.readers.resync import next_rosbag1, run_rosbag1
@@ -277,8 +277,9 @@ class Rosbag1Log(FileLog):
                     doubt = pos + 1
                     pos = self._behind_index(record)
                     continue
-                if record.op in (MESSAGE, CONNECTION) and record.data_length > MAX_BLOCK:
-                    raise BadRecordError(f"{record.data_length} bytes are more than we take")
+                length = record.data_length
+                if record.op in (MESSAGE, CONNECTION) and (why := too_large(length, length)):
+                    raise BadRecordError(f"it has {length} bytes, {why}")
                 if record.op == CHUNK:
                     self._check_sizes(record)
             except BadRecordError as exc:
@@ -391,7 +392,7 @@ class Rosbag1Log(FileLog):
             content = chunk
         else:
             # Up to what can be a record again: the chunk's own length may be what is wrong.
-            end = min(self._next(place.data_offset + 1), place.data_offset + MAX_BLOCK)
+            end = min(self._next(place.data_offset + 1), place.data_offset + ORDINARY_BLOCK)
             data = self.read_at(place.data_offset, end - place.data_offset)
             name = place.fields.get("compression", b"").decode("ascii", "replace")
             content, _ = unpack(name, data, 0, 0)

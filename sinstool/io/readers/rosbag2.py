@@ -26,7 +26,7 @@ from sinstool.io.messages.layout import ZSTD_MAGIC
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.compression import MOST_SWELLING, CompressionError, decompress
 from sinstool.io.readers.formats import METADATA, kind_of
-from sinstool.io.readers.limits import MAX_BLOCK
+from sinstool.io.readers.limits import ORDINARY_BLOCK
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.lost import Lost
 from sinstool.io.readers.mcap import McapLog
@@ -188,7 +188,7 @@ class Rosbag2Log(Log):
         try:
             with file.open("rb") as source, target.open("wb") as sink:
                 # What swells more is no recording, and would only fill the disk.
-                limit = max(MAX_BLOCK, MOST_SWELLING * file.stat().st_size)
+                limit = max(ORDINARY_BLOCK, MOST_SWELLING * file.stat().st_size)
                 whole = _unzstd(source, sink, limit)
         except zstandard.ZstdError as exc:
             self.damage(f"{file.name}: zstd data is corrupt ({exc})", kind="file")
@@ -305,11 +305,11 @@ def _unzstd_message(data: memoryview) -> bytes:
         if size >= 0:
             return bytes(decompress("zstd", data, size))
         out = BytesIO()
-        whole = _unzstd(BytesIO(data), out, MAX_BLOCK)
+        whole = _unzstd(BytesIO(data), out, ORDINARY_BLOCK)
     except zstandard.ZstdError as exc:
         raise CompressionError(f"zstd data is corrupt ({exc})") from exc
     if not whole:
-        raise CompressionError(f"zstd data ends too early or is more than {MAX_BLOCK} bytes")
+        raise CompressionError(f"zstd data ends too early or is more than {ORDINARY_BLOCK} bytes")
     return out.getvalue()
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sinstool.io.readers.compression import decompress_prefix
-from sinstool.io.readers.limits import MAX_BLOCK, MAX_PLACES, WINDOW
+from sinstool.io.readers.limits import MAX_PLACES, ORDINARY_BLOCK, WINDOW
 
 # A record of this size that begins in one window is whole in the next.
 _OVERLAP = 2**20
@@ -35,7 +35,7 @@ def unpack(name: str, data: bytes, size: int, crc: int) -> tuple[np.ndarray, boo
     """
     if crc and len(data) == size and zlib.crc32(data) == crc:  # not packed, whatever its name
         return np.frombuffer(data, np.uint8), True
-    raw = memoryview(decompress_prefix(name, data, MAX_BLOCK))
+    raw = memoryview(decompress_prefix(name, data, ORDINARY_BLOCK))
     for length in {len(raw), min(size, len(raw))}:
         if crc and zlib.crc32(raw[:length]) == crc:
             return np.frombuffer(raw[:length], np.uint8), True

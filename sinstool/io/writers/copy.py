@@ -205,7 +205,8 @@ class Copier:
             return
         described = (indexes, *times, place.compression, place.data_length, place.size)
         self._writer.write_chunk(
-            lambda: Chunk(log.read_at(place.offset, place.length), *described), place.data_length
+            lambda: Chunk((log.read_at(place.offset, place.length),), *described),
+            place.data_length,
         )
 
     def _own_indexes(self, chunk: _Chunk) -> list[tuple[int, bytes]] | None:

@@ -39,9 +39,9 @@ _local = threading.local()
 
 @dataclass(frozen=True)
 class Chunk:
-    """A chunk ready for the file: its record, its indexes, and its entries in the summary."""
+    """A chunk ready for the file: its record in pieces, its indexes, its entries in the summary."""
 
-    record: bytes
+    record: Sequence[bytes]
     indexes: list[tuple[int, bytes]]
     start_time: int
     end_time: int
@@ -143,8 +143,8 @@ def _pack_one(
     crc = zlib.crc32(chunk.data)
     fields = f"<qqQII{len(name)}sQ"
     body = struct.pack(fields, start, end, len(chunk), crc, len(name), name, len(data))
-    record = struct.pack("<BQ", Opcode.CHUNK, len(body) + len(data)) + body + data
-    return Chunk(record, indexes, start, end, compression, len(data), len(chunk))
+    head = struct.pack("<BQ", Opcode.CHUNK, len(body) + len(data)) + body
+    return Chunk((head, data), indexes, start, end, compression, len(data), len(chunk))
 
 
 @part()
@@ -373,7 +373,8 @@ class McapWriter:
 
     def _write_chunk(self, chunk: Chunk) -> None:
         start = self._position
-        self._write(chunk.record)
+        for piece in chunk.record:
+            self._write(piece)
         index_start = self._position
         offsets = {}
         for channel, entries in chunk.indexes:
@@ -385,7 +386,7 @@ class McapWriter:
             self._write(entries)
         self._chunk_indexes.append(
             records.ChunkIndex(
-                chunk_length=len(chunk.record),
+                chunk_length=index_start - start,
                 chunk_start_offset=start,
                 compression=chunk.compression,
                 compressed_size=chunk.compressed_size,

@@ -12,7 +12,7 @@ from sinstool.core.errors import (
     SinstoolError,
     UnsupportedLogError,
 )
-from sinstool.io.readers import open_log
+from sinstool.io.readers import compression, open_log
 from sinstool.io.readers.mcap import ChunkPlace, McapLog
 from tests.helpers.logs import (
     IMU,
@@ -431,7 +431,8 @@ def test_real_logs_read_as_mcap_reads_them(name):
         assert not log.lost
 
 
-def test_a_message_longer_than_what_is_read_is_refused_by_its_size(tmp_path):
+def test_a_message_that_memory_has_no_room_for_is_refused_by_its_size(tmp_path, monkeypatch):
+    monkeypatch.setattr(compression, "available", lambda: 1000 * 2**20)
     path = tmp_path / "a.mcap"
     whole = write_mcap(tmp_path / "b.mcap", rows(3), use_chunking=False).read_bytes()
     (_, at, _) = next(r for r in mcap_records(whole) if r[0] == 5)
@@ -442,7 +443,10 @@ def test_a_message_longer_than_what_is_read_is_refused_by_its_size(tmp_path):
         stream.write(b"\x0f" + (4).to_bytes(8, "little") + bytes(4))
         stream.write(b"\x02" + (20).to_bytes(8, "little") + bytes(20) + whole[:8])
     with (
-        pytest.raises(SinstoolError, match="300 MiB is longer than 256 MiB"),
+        pytest.raises(
+            SinstoolError,
+            match="314572800 bytes, which takes 1200 MiB of memory, where 1000 MiB are",
+        ),
         open_log(path) as log,
     ):
         list(log.batches())

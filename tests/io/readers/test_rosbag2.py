@@ -213,7 +213,7 @@ def test_compressed_files_of_several_frames(tmp_path):
 
 @pytest.mark.parametrize("salvage", [False, True])
 def test_a_compressed_file_that_swells_without_end_is_not_unpacked(tmp_path, monkeypatch, salvage):
-    monkeypatch.setattr(rosbag2_module, "MAX_BLOCK", 2**20)
+    monkeypatch.setattr(rosbag2_module, "ORDINARY_BLOCK", 2**20)
     monkeypatch.setattr(rosbag2_module, "MOST_SWELLING", 64)
     folder = write_bag2(tmp_path / "bag", content(30), mode="file")
     (file,) = folder.glob("*.zstd")
@@ -233,7 +233,7 @@ def test_a_compressed_file_that_swells_without_end_is_not_unpacked(tmp_path, mon
 
 
 def test_compressed_messages_that_are_damaged_or_swell(tmp_path, monkeypatch):
-    monkeypatch.setattr("sinstool.io.readers.rosbag2.MAX_BLOCK", 2**22)
+    monkeypatch.setattr("sinstool.io.readers.rosbag2.ORDINARY_BLOCK", 2**22)
     path = write_bag2(tmp_path / "bag", content(30), "db3", "message")
     file = next(path.glob("*.db3"))
     unsized = zstandard.ZstdCompressor(write_content_size=False)
