@@ -22,10 +22,17 @@ REST_S = 30.0  # of a rest whose mean is believed
 
 @dataclass(frozen=True)
 class ImuGrade:
-    """The IMU's grade, and the reason for it."""
+    """The IMU's grade, and the reason for it.
+
+    Attributes
+    ----------
+    by_drift : bool
+        Judged by its drift where fixes are left out: its noise at rest is that of a vehicle.
+    """
 
     grade: Grade
     why: str
+    by_drift: bool = False
 
 
 def measured_noise(config: ProcessConfig) -> ImuNoise | None:

@@ -116,19 +116,20 @@ def _rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def as_measured(noise: ImuNoise, grade: SensorGrade) -> SensorGrade:
+def as_measured(noise: ImuNoise, grade: SensorGrade, scale_states: bool = False) -> SensorGrade:
     """Errors of a grade, with the noise that was measured in place of the grade's.
 
     A filter has one state for each bias: flicker noise becomes a first-order Markov process with
     the same largest Allan deviation, and a random walk adds to what drives it. Of a term that the
-    rest was too short to show the grade's value stays, but for the bound where that is less. The
-    filter has no states for the accelerometers' scale factors: what they do in manoeuvres counts as
-    white noise.
+    rest was too short to show the grade's value stays, but for the bound where that is less.
 
     Parameters
     ----------
     grade : SensorGrade
         For what no rest shows: biases at the start, scale factors, correlation times.
+    scale_states : bool, optional
+        The filter has states for the scale factors of the accelerometers. In one that has none,
+        what they do in manoeuvres counts as white noise.
     """
     changes: dict[str, float] = {}
     walks = {"gyro": "angle_random_walk", "accel": "velocity_random_walk"}
@@ -139,8 +140,9 @@ def as_measured(noise: ImuNoise, grade: SensorGrade) -> SensorGrade:
             changes[walks[sensor]] = white.value
         instability = f"{sensor}_instability"
         changes[instability] = wandering(measured, getattr(grade, instability), grade.bias_time_s)
-    walk = changes.get("velocity_random_walk", grade.velocity_random_walk)
-    changes["velocity_random_walk"] = hypot(walk, MANOEUVRE * grade.accel_scale)
+    if not scale_states:
+        walk = changes.get("velocity_random_walk", grade.velocity_random_walk)
+        changes["velocity_random_walk"] = hypot(walk, MANOEUVRE * grade.accel_scale)
     return replace(grade, **changes)
 
 

@@ -183,11 +183,11 @@ def _interval_ns(source: Source) -> float:
     return source.survey.interval_ns or SECOND
 
 
-def imu_noise(config: ProcessConfig, grade: Grade) -> SensorGrade:
-    """Noise of a grade, overridden by a noise file or by options."""
+def imu_noise(config: ProcessConfig, grade: Grade, scale_states: bool = False) -> SensorGrade:
+    """Noise of a grade, overridden by a noise file or by options, for a filter with such states."""
     options, noise, measured = config.in_flight, IMU_GRADES[grade], measured_noise(config)
     if measured is not None:
-        noise = as_measured(measured, noise)
+        noise = as_measured(measured, noise, scale_states)
     changes: dict[str, float] = {}
     if options.arw is not None:
         changes["angle_random_walk"] = options.arw * DEGREE / 60.0

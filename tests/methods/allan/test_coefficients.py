@@ -70,6 +70,8 @@ def test_what_no_rest_shows_is_of_the_grade() -> None:
     assert errors.gyro_instability == grade.gyro_instability
     assert errors.accel_instability == pytest.approx(MARKOV_OF_FLICKER * 2e-4)
     assert errors.gyro_bias == grade.gyro_bias and errors.gyro_scale == grade.gyro_scale
+    # Of a filter that has states for them, manoeuvres need no noise
+    assert as_measured(noise, grade, scale_states=True).velocity_random_walk == 1e-5
 
 
 def test_a_bound_below_the_grade_is_taken() -> None:

@@ -33,6 +33,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.methods.ins_gnss.settings import Settings
+from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.grade import random_walks
@@ -60,6 +61,8 @@ PRIOR_SIGMA = 1.0
 # factors, as powers of 2.
 LEAST_CHANGE = 1.3
 LEAST_POWERS, MOST_POWERS = np.full(3, -4), np.full(3, 3)
+# Sensors that are noisier than so many times a grade are not of it.
+MOST_BETTER = 8.0
 
 
 @dataclass(frozen=True)
@@ -229,9 +232,31 @@ class Drift:
         better = self._estimated and max(factors.gyro, factors.accel) < 1.0
         return factors.of(self._start.settings, not better)
 
+    def gain(self, factors: NoiseFactors, imu: SensorGrade) -> float:
+        """Twice the log of how much likelier other sensors are that are as noisy.
+
+        Parameters
+        ----------
+        factors : NoiseFactors
+            With which those of the settings are as noisy as they seem to be.
+        imu : SensorGrade
+            The other sensors, whose scale factors, angles and biases count; of their white noise
+            that of `factors` is taken.
+        """
+        used = factors.of(self._start.settings, not self._estimated)
+        gyro = used.imu.angle_random_walk / imu.angle_random_walk
+        accel = used.imu.velocity_random_walk / imu.velocity_random_walk
+        other = NoiseFactors(gyro, accel).of(replace(used, imu=imu), not self._estimated)
+        if gyro > MOST_BETTER:
+            return -np.inf
+        return self._cost_of(used) - self._cost_of(other)
+
     def _cost(self, gyro: float, accel: float, scale: float) -> float:
         factors = NoiseFactors(gyro, accel, scale)
-        windows = self._windows(factors.of(self._start.settings, not self._estimated))
+        return self._cost_of(factors.of(self._start.settings, not self._estimated))
+
+    def _cost_of(self, settings: Settings) -> float:
+        windows = self._windows(settings)
         if windows is None or self._as_graded is None:
             return np.inf
         return windows.cost * self._as_graded.looks / len(LOOKS)
@@ -294,11 +319,12 @@ class Drift:
 def _of_rest(source: Source, start: FilterStart) -> np.ndarray:
     """Noise of gyros and accelerometers at rest over that of the settings, at most 1.
 
-    0 for a MEMS grade: an idling engine looks like poor sensors.
+    0 for a MEMS grade and for one judged by its drift: an idling engine looks like poor sensors.
     """
     walks, imu = random_walks(source), start.settings.imu
     assumed = imu.angle_random_walk, imu.velocity_random_walk
-    if walks is None or start.grade.grade == "mems" or not all(assumed):
+    vehicle = start.grade.grade == "mems" or start.grade.by_drift
+    if walks is None or vehicle or not all(assumed):
         return np.zeros(2)
     return np.minimum(np.divide(walks, assumed), 1.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
@@ -27,12 +28,13 @@ from sinstool.methods.ins_gnss.settings import (
     Settings,
     Start,
 )
+from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_state import find_start
-from sinstool.pipelines.process.ins_gnss.imu_drift import Drift
+from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
 from sinstool.pipelines.process.ins_gnss.receiver import (
     AS_CLAIMED,
@@ -52,6 +54,9 @@ OPEN_BIAS = 3.0
 OPEN = ("gyro_bias", "gyro_instability", "accel_bias", "accel_instability")
 # A grade that drifts so many times as much as its own sigmas say is none of the Imu's.
 OTHER_GRADE = 2.0
+# A better grade is tried where gyros are so many times as noisy as theirs, and taken where it is
+# likelier by this: twice the log, e^5 to 1.
+QUIETER, LEAST_GAIN = 0.7, 10.0
 # Slow error of a barometer, m, and its correlation time: weather, temperature, a cabin.
 AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
 # Latencies with which a start is tried one after the other, s.
@@ -92,7 +97,7 @@ def first_start(
     grade = grade or sensor_grade(source, config)
     model, gnss_why = gnss_model(gnss, config)
     reference, remarks = _barometer(source, config)
-    settings = _settings(source, config, grade.grade, model, reference)
+    settings = _settings(source, config, grade, model, reference)
     lag = config.filter.gnss_velocity_lag
     if lag is None:
         lag = significant_lag(gnss)
@@ -243,6 +248,17 @@ def _drifting(
         if less.ratio < drift.ratio:
             start, drift = other, less
     factors = drift.factors()
+    better = _better(config, drift, factors, start.grade.grade)
+    if better is not None:
+        try:
+            judged = ImuGrade(better, "by its drift without fixes", by_drift=True)
+            first = first_start(source, config, judged)
+            start = _timed(source, config, algorithm, first)
+            drift = Drift(source, config, algorithm, _by_the_fixes(start))
+            factors = drift.factors()
+            log_choice("IMU grade", f"{better}, {judged.why}")
+        except AlignmentError:
+            pass
     if factors.ordinary:
         return start
     log_choice("IMU noise", f"{factors} that of the grade, judged by its drift without fixes")
@@ -253,6 +269,26 @@ def _drifting(
         settings=replace(start.settings, imu=used.imu, control=used.control),
         grade=replace(start.grade, why=why),
     )
+
+
+def _better(
+    config: ProcessConfig, drift: Drift, factors: NoiseFactors, grade: Grade
+) -> Grade | None:
+    """A better grade that explains a drift clearly better than quieter sensors of this one do.
+
+    An idling engine makes good sensors look poor at rest, and without a rest they are taken for
+    poor. Quiet sensors of a poor grade have its scale factors, angles and biases all the same.
+    """
+    if factors.gyro >= QUIETER or config.navigation.imu_noise is not None:
+        return None
+    order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
+    scales = _has_scales(config)
+    gains = {
+        other: drift.gain(factors, imu_noise(config, other, scales))
+        for other in order[order.index(grade) + 1 :]
+    }
+    best = max(gains, key=lambda other: gains[other], default=None)
+    return best if best is not None and gains[best] > LEAST_GAIN else None
 
 
 def _by_the_fixes(start: FilterStart) -> FilterStart:
@@ -339,18 +375,18 @@ def _barometer(source: Source, config: ProcessConfig) -> tuple[HeightReference |
 def _settings(
     source: Source,
     config: ProcessConfig,
-    grade: Grade,
+    judged: ImuGrade,
     model: GnssModel,
     reference: HeightReference | None,
 ) -> Settings:
-    options = config.filter
+    options, grade = config.filter, judged.grade
     damping = None
     if reference is not None and options.filter.startswith("network"):
         damping, _ = network(config, grade, source.latitude or 0.0)
     baro = _baro_model(config, grade, model, reference)
     return Settings(
         filter=options.filter,
-        imu=_imu(source, config, grade),
+        imu=_imu(source, config, judged),
         gnss=model,
         baro=baro,
         network=damping,
@@ -371,22 +407,27 @@ def _settings(
     )
 
 
-def _imu(source: Source, config: ProcessConfig, grade: Grade) -> SensorGrade:
+def _has_scales(config: ProcessConfig) -> bool:
+    """Whether the filter has states for the scale factors of the accelerometers."""
+    return filter_kind(config.filter.filter).first(ACCEL_SCALE) >= 0
+
+
+def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     """Errors of the sensors: of a grade that a rest shows, no less than the noise there.
 
     Noise tells a navigation grade from others, but leaves its biases open, and scale factors are
     then no better than those of the grade below.
     """
-    noise, walks = imu_noise(config, grade), random_walks(source)
+    noise, walks = imu_noise(config, grade.grade, _has_scales(config)), random_walks(source)
     options, file = config.in_flight, config.navigation.imu_noise
-    if config.navigation.imu_grade != "auto" or walks is None:
+    if config.navigation.imu_grade != "auto" or walks is None or grade.by_drift:
         return noise
     if options.vrw is None:
         noise = replace(noise, velocity_random_walk=max(noise.velocity_random_walk, walks[1]))
-    if grade == "navigation" and file is None:
+    if grade.grade == "navigation" and file is None:
         if options.arw is None:
             noise = replace(noise, angle_random_walk=max(noise.angle_random_walk, walks[0]))
-        judged, below = IMU_GRADES[grade], IMU_GRADES["tactical"]
+        judged, below = IMU_GRADES[grade.grade], IMU_GRADES["tactical"]
         changes = {name: OPEN_BIAS * getattr(judged, name) for name in OPEN}
         changes |= {name: getattr(below, name) for name in ("gyro_scale", "accel_scale")}
         # What options say stays
