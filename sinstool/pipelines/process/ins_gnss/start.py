@@ -420,7 +420,11 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     """
     noise, walks = imu_noise(config, grade.grade, _has_scales(config)), random_walks(source)
     options, file = config.in_flight, config.navigation.imu_noise
-    if config.navigation.imu_grade != "auto" or walks is None or grade.by_drift:
+    if grade.by_drift:
+        # Which says little of the biases at the start
+        below = imu_noise(config, next_worse(grade.grade) or grade.grade, _has_scales(config))
+        return replace(noise, gyro_bias=below.gyro_bias, accel_bias=below.accel_bias)
+    if config.navigation.imu_grade != "auto" or walks is None:
         return noise
     if options.vrw is None:
         noise = replace(noise, velocity_random_walk=max(noise.velocity_random_walk, walks[1]))
