@@ -233,22 +233,27 @@ class Drift:
         return factors.of(self._start.settings, not better)
 
     def gain(self, factors: NoiseFactors, imu: SensorGrade) -> float:
-        """Twice the log of how much likelier other sensors are that are as noisy.
+        """Twice the log of how much likelier the drift is with other sensors that are as noisy.
 
         Parameters
         ----------
         factors : NoiseFactors
             With which those of the settings are as noisy as they seem to be.
         imu : SensorGrade
-            The other sensors, whose scale factors, angles and biases count; of their white noise
-            that of `factors` is taken.
+            The other sensors. Their scale factors, angles and correlation times count; their white
+            noise becomes that of `factors`, and the bias instability changes with it.
+
+        Returns
+        -------
+        float
+            Minus infinity where gyros are too noisy to be those.
         """
         used = factors.of(self._start.settings, not self._estimated)
         gyro = used.imu.angle_random_walk / imu.angle_random_walk
-        accel = used.imu.velocity_random_walk / imu.velocity_random_walk
-        other = NoiseFactors(gyro, accel).of(replace(used, imu=imu), not self._estimated)
         if gyro > MOST_BETTER:
             return -np.inf
+        accel = used.imu.velocity_random_walk / imu.velocity_random_walk
+        other = NoiseFactors(gyro, accel).of(replace(used, imu=imu), not self._estimated)
         return self._cost_of(used) - self._cost_of(other)
 
     def _cost(self, gyro: float, accel: float, scale: float) -> float:

@@ -262,7 +262,8 @@ def _drifting(
     if factors.ordinary:
         return start
     log_choice("IMU noise", f"{factors} that of the grade, judged by its drift without fixes")
-    why = f"{start.grade.why}; {factors} as noisy, judged by its drift without fixes"
+    judged_by = "" if start.grade.by_drift else ", judged by its drift without fixes"
+    why = f"{start.grade.why}; {factors} as noisy{judged_by}"
     used = drift.used(factors)
     return replace(
         start,
