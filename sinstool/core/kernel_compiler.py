@@ -33,7 +33,7 @@ from numba.core.typed_passes import (
 )
 from numba.core.untyped_passes import FixupArgs, InlineInlinables, TranslateByteCode
 
-__all__ = ["KernelCompiler"]
+__all__ = ["KernelCompiler", "is_plain"]
 
 # Closures and comprehensions, containers, exceptions and `with`
 _UNUSUAL = {"MAKE_FUNCTION", "LIST_APPEND", "BUILD_LIST", "BUILD_MAP", "BUILD_SET", "RAISE_VARARGS",
@@ -46,10 +46,16 @@ _PLAIN = (types.Number, types.Boolean, types.Array, types.Record, types.NoneType
 class KernelCompiler(compiler.Compiler):
     """A compiler for functions of numbers, arrays and records."""
 
+    @property
+    def lowering(self) -> Any:
+        """The pass that makes LLVM's code."""
+        return _Lowering
+
     def define_pipelines(self) -> Any:
         """The pipeline to run, which depends on the function and its arguments."""
         state = self.state
-        if not _is_plain(state.func_id.func, state.args, state.flags):
+        flags = state.flags
+        if flags.nrt or flags.debuginfo or not is_plain(state.func_id.func, state.args):
             return super().define_pipelines()
         manager = _Passes("nopython")
         for each in (
@@ -59,7 +65,7 @@ class KernelCompiler(compiler.Compiler):
             _Rewriting,
             NopythonTypeInference,
             PreLowerStripPhis,
-            _Lowering,
+            self.lowering,
             NoPythonBackend,
         ):
             manager.add_pass(each, each.__name__)
@@ -67,12 +73,11 @@ class KernelCompiler(compiler.Compiler):
         return [manager]
 
 
-def _is_plain(function: Any, args: Any, flags: Any) -> bool:
-    """Whether a function needs none of what is left out."""
+def is_plain(function: Any, args: Any) -> bool:
+    """Whether a function that allocates nothing needs none of what is left out."""
     code = function.__code__
     return (
-        not (flags.nrt or flags.debuginfo)
-        and not inspect.isgeneratorfunction(function)
+        not inspect.isgeneratorfunction(function)
         and _UNUSUAL_NAMES.isdisjoint(code.co_names)
         and not any(each.opname in _UNUSUAL for each in dis.get_instructions(code))
         and all(isinstance(each, _PLAIN) for each in args)
