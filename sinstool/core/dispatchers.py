@@ -17,22 +17,20 @@ import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, cached_property
-from threading import local
-from types import BuiltinFunctionType
 from typing import Any
 
 from numba import njit, version_info
-from numba.core import base, codegen, config, cpu, errors, registry, types, typing
+from numba.core import codegen, config, cpu, errors, registry
 
-from sinstool.core import compiling
+from sinstool.core import compiling, kernel_typing
 from sinstool.core.compiled import set_up_cache
+from sinstool.core.kernel_typing import is_ours, turn
 from sinstool.core.machine_code import Code, Entry, keep
 
 # Versions of numba whose insides are as this module and the compiler of kernels have them.
 INSIDES = {(0, 68)}
 
 _Library = codegen.CPUCodeLibrary
-_turn = local()
 
 
 class _Kernel(registry.CPUDispatcher):
@@ -78,7 +76,6 @@ class _Part(registry.CPUDispatcher):
         return made.overloads[signature]
 
 
-_PLAIN = (types.Number, types.Boolean, types.Array, types.BaseTuple, types.Record)
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 _ONE_WAY_IN = {"nopython": True, "no_cfunc_wrapper": True}
 _NO_WAY_IN = _ONE_WAY_IN | {"no_cpython_wrapper": True}
@@ -135,19 +132,18 @@ def way_in(ours: Any, key: Any, args: tuple[Any, ...]) -> Entry | None:
 @contextmanager
 def _ours(vectorizes: bool) -> Iterator[None]:
     """This thread compiles a kernel."""
-    before, colours = getattr(_turn, "ours", False), errors._termcolor_inst  # type: ignore[attr-defined]
+    before = is_ours()
     if not before:
-        _turn.values, _turn.vectorizes = {}, vectorizes
-    _turn.ours = True
-    errors._termcolor_inst = _Plain()  # type: ignore[attr-defined]
+        turn.values, turn.vectorizes = {}, vectorizes
+    turn.ours = True
     collects = gc.isenabled()
     gc.disable()  # the compiler makes objects by the million, and few circles
     try:
         yield
     finally:
-        _turn.ours = before
-        errors._termcolor_inst = colours  # type: ignore[attr-defined]
+        turn.ours = before
         if collects:
+            gc.freeze()  # or the next collection would go through all of them
             gc.enable()
 
 
@@ -175,29 +171,12 @@ def _supported() -> bool:
     """
     if version_info.short not in INSIDES or getattr(config, "DISABLE_JIT", False):
         return False
-    theirs_type = types.BaseFunction.get_call_type
     theirs_get = cpu.CPUContext.get_executable
     theirs_add = _Library.add_linking_library
     theirs_optimize = _Library._optimize_functions
     theirs_builder = codegen.CPUCodegen._pass_builder
-    theirs_value = typing.Context.resolve_value_type
-    inferred: dict[tuple[int, Any], tuple[Any, Any]] = {}
-
-    def resolve_value_type(self: Any, value: Any) -> Any:
-        if not isinstance(value, BuiltinFunctionType) or not getattr(_turn, "ours", False):
-            return theirs_value(self, value)
-        if value not in _turn.values:
-            _turn.values[value] = theirs_value(self, value)
-        return _turn.values[value]
-
-    def get_call_type(self: Any, context: Any, args: Any, keywords: Any) -> Any:
-        plain = all(isinstance(each, _PLAIN) for each in args)
-        if keywords or not plain or not getattr(_turn, "ours", False):
-            return theirs_type(self, context, args, keywords)
-        key = (id(self), args)
-        if key not in inferred:
-            inferred[key] = (self, theirs_type(self, context, args, keywords))
-        return inferred[key][1]
+    kernel_typing.set_up()
+    errors._termcolor_inst = _Plain()  # type: ignore[attr-defined]
 
     def get_executable(self: Any, library: Any, fndesc: Any, env: Any) -> Any:
         if not _without_way_in(library, fndesc):
@@ -208,12 +187,12 @@ def _supported() -> bool:
 
     def optimize_functions(self: Any, module: Any) -> None:
         # What becomes part of others is optimised there; doing so before takes as long again
-        if not getattr(_turn, "ours", False):
+        if not is_ours():
             theirs_optimize(self, module)
         module.data_layout = self._codegen._data_layout
 
     def pass_builder(self: Any, **keywords: Any) -> Any:
-        if getattr(_turn, "ours", False) and not _turn.vectorizes:
+        if is_ours() and not turn.vectorizes:
             keywords["loop_vectorize"] = False
         return theirs_builder(self, **keywords)
 
@@ -224,9 +203,6 @@ def _supported() -> bool:
                 if each not in self._linking_libraries:
                     add_linking_library(self, each)
 
-    typing.Context.resolve_value_type = resolve_value_type  # type: ignore[method-assign]
-    base._has_loc = cache(base._has_loc)
-    types.BaseFunction.get_call_type = get_call_type  # type: ignore[assignment, method-assign]
     cpu.CPUContext.get_executable = get_executable  # type: ignore[method-assign]
     codegen.CPUCodegen._pass_builder = pass_builder  # type: ignore[method-assign]
     _Library._optimize_functions = optimize_functions  # type: ignore[method-assign]
@@ -236,7 +212,7 @@ def _supported() -> bool:
 
 def _without_way_in(library: Any, fndesc: Any) -> bool:
     """Whether a library of a kernel's can only be called by other compiled code."""
-    if library._finalized or not getattr(_turn, "ours", False):
+    if library._finalized or not is_ours():
         return False
     ways_in = {fndesc.llvm_cpython_wrapper_name, fndesc.llvm_cfunc_wrapper_name}
     module = library._final_module
