@@ -134,6 +134,7 @@ def _ours(vectorizes: bool) -> Iterator[None]:
     """This thread compiles a kernel."""
     before = is_ours()
     if not before:
+        _load_without_scipy()
         turn.values, turn.vectorizes = {}, vectorizes
     turn.ours = True
     collects = gc.isenabled()
@@ -145,6 +146,19 @@ def _ours(vectorizes: bool) -> Iterator[None]:
         if collects:
             gc.freeze()  # or the next collection would go through all of them
             gc.enable()
+
+
+@cache
+def _load_without_scipy() -> None:
+    """Load what numba knows of NumPy; SciPy's linear algebra, which it looks for, waits for use."""
+    from numba.np import linalg
+
+    theirs = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = theirs
 
 
 class _Plain:
@@ -174,6 +188,7 @@ def _supported() -> bool:
     theirs_get = cpu.CPUContext.get_executable
     theirs_add = _Library.add_linking_library
     theirs_optimize = _Library._optimize_functions
+    theirs_optimize_final = _Library._optimize_final_module
     theirs_builder = codegen.CPUCodegen._pass_builder
     kernel_typing.set_up()
     errors._termcolor_inst = _Plain()  # type: ignore[attr-defined]
@@ -191,6 +206,14 @@ def _supported() -> bool:
             theirs_optimize(self, module)
         module.data_layout = self._codegen._data_layout
 
+    def optimize_final_module(self: Any) -> None:
+        # numba's first round is for counts of references, of which there are none
+        if not is_ours():
+            theirs_optimize_final(self)
+            return
+        passes, builder = self._codegen._module_pass_manager()
+        passes.run(self._final_module, builder)
+
     def pass_builder(self: Any, **keywords: Any) -> Any:
         if is_ours() and not turn.vectorizes:
             keywords["loop_vectorize"] = False
@@ -206,6 +229,7 @@ def _supported() -> bool:
     cpu.CPUContext.get_executable = get_executable  # type: ignore[method-assign]
     codegen.CPUCodegen._pass_builder = pass_builder  # type: ignore[method-assign]
     _Library._optimize_functions = optimize_functions  # type: ignore[method-assign]
+    _Library._optimize_final_module = optimize_final_module  # type: ignore[method-assign]
     _Library.add_linking_library = add_linking_library  # type: ignore[method-assign]
     return True
 

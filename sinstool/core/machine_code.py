@@ -101,13 +101,11 @@ def described(args: Sequence[Any]) -> tuple[Any, tuple[str, list[Any]]]:
     for each in args:
         kind = type(each)
         if kind is np.ndarray:
-            flags, dtype = each.flags, each.dtype
-            layout = "C" if flags.c_contiguous else "F" if flags.f_contiguous else "A"
-            types.append((dtype, each.ndim, layout, flags.writeable, flags.aligned))
-            letters.append("q" * (1 + 2 * each.ndim))
-            words.append(each.__array_interface__["data"][0])
-            words.extend(each.shape)
-            words.extend(each.strides)
+            flags, shape = each.flags.num, each.shape
+            # Rows or columns together, or neither; aligned, and written to
+            types.append((each.dtype, len(shape), flags & 1 or flags & 2, flags & 0x500))
+            letters.append("q" * (1 + 2 * len(shape)))
+            words += each.__array_interface__["data"][0], *shape, *each.strides
         elif kind in _NUMBERS:
             name, letter = _NUMBERS[kind]
             if kind is int and not -(2**63) <= each < 2**63:

@@ -162,7 +162,7 @@ def test_what_kernels_do_not_take_is_left_to_numba(argument):
 def test_a_part_is_told_by_its_types_alone():
     a = ARRAY[:, 1]
     assert described((a, 2, None)) == (
-        ((a.dtype, 1, "A", True, True), "int64", None),
+        ((a.dtype, 1, 0, 0x500), "int64", None),
         ("qqqq", [a.ctypes.data, 3, 32, 2]),
     )
 
