@@ -1,4 +1,4 @@
-"""Compiled loops, from numba's cache or, without one, compiled for a single run.
+"""numba's cache of compiled loops, for those that are run by numba.
 
 Before numba looks into its cache it loads all that it knows of Python and NumPy, and `scipy.linalg`
 with it: that takes longer than most logs. Machine code out of the cache needs none of it but the
@@ -7,30 +7,26 @@ compiler load the rest by itself, at any time.
 
 numba refuses to import a loop that it has no folder to keep in, and ends where the folder is full
 or holds a damaged file. Here such loops are compiled for one run, and a warning says so once.
-
-Modules that hold loops and may be the first to do so take `njit` from here; for all others the
-packages above them call `set_up_cache`.
 """
 
 from __future__ import annotations
 
 import os
-import warnings
 from contextlib import suppress
 from functools import cache
 from typing import Any
 
-from numba import njit
+from numba import __version__
 from numba.core import caching
 from numba.core.caching import FunctionCache
 from numba.core.runtime import rtsys
+from numba.core.serialize import dumps
 
 from sinstool.core import compiling
-from sinstool.core.compiled_files import CompiledFiles
+from sinstool.core.compiled_files import CompiledFiles, warn_uncached
 from sinstool.core.compiled_sources import stamp
-from sinstool.core.errors import UncachedWarning
 
-__all__ = ["njit", "set_up_cache"]
+__all__ = ["set_up_cache"]
 
 PACKAGE = __name__.partition(".")[0]
 
@@ -48,7 +44,7 @@ def set_up_cache() -> None:
         if not isinstance(self._cache_file, CompiledFiles):
             impl = self._impl
             self._cache_file = CompiledFiles(
-                self._cache_path, impl.filename_base, stamp(self._py_func)
+                self._cache_path, impl.filename_base, (__version__, stamp(self._py_func)), dumps
             )
 
     def load_overload(self: Any, signature: Any, target: Any) -> Any:
@@ -76,7 +72,7 @@ def set_up_cache() -> None:
         try:
             theirs_save(self, signature, data)
         except Exception as exc:  # of numba or the disk: the loop is compiled already
-            _warn(getattr(exc, "strerror", None) or type(exc).__name__)
+            warn_uncached(getattr(exc, "strerror", None) or type(exc).__name__)
 
     # Not of numba's public interface: another numba may do without them
     ours = ("_guard_against_spurious_io_errors", "_load_overload", "save_overload", "flush")
@@ -98,17 +94,3 @@ def _last_resort() -> Any:
             return cls(py_func, py_file) if there else None
 
     return BesideTheSource
-
-
-@cache
-def _warn(reason: str) -> None:
-    """Say once how compiled loops can be kept."""
-    warnings.warn(
-        f"compiled code cannot be cached ({reason}), so every run compiles it again: set the"
-        " environment variable NUMBA_CACHE_DIR to a writable folder with free space",
-        UncachedWarning,
-        stacklevel=2,
-    )
-
-
-set_up_cache()

@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import dis
 import inspect
+import operator
 from functools import reduce
 from typing import Any
 
 from llvmlite.ir import Constant  # type: ignore[import-untyped]
-from numba.core import compiler, ir, types
+from numba.core import compiler, errors, ir, types
 from numba.core.analysis import dead_branch_prune
 from numba.core.cgutils import get_record_member, pointer_add
 from numba.core.compiler_machinery import FunctionPass, PassManager, register_pass
@@ -33,7 +34,7 @@ from numba.core.typed_passes import (
 )
 from numba.core.untyped_passes import FixupArgs, InlineInlinables, TranslateByteCode
 
-__all__ = ["KernelCompiler"]
+__all__ = ["KernelCompiler", "is_plain"]
 
 # Closures and comprehensions, containers, exceptions and `with`
 _UNUSUAL = {"MAKE_FUNCTION", "LIST_APPEND", "BUILD_LIST", "BUILD_MAP", "BUILD_SET", "RAISE_VARARGS",
@@ -46,10 +47,16 @@ _PLAIN = (types.Number, types.Boolean, types.Array, types.Record, types.NoneType
 class KernelCompiler(compiler.Compiler):
     """A compiler for functions of numbers, arrays and records."""
 
+    @property
+    def lowering(self) -> Any:
+        """The pass that makes LLVM's code."""
+        return _Lowering
+
     def define_pipelines(self) -> Any:
         """The pipeline to run, which depends on the function and its arguments."""
         state = self.state
-        if not _is_plain(state.func_id.func, state.args, state.flags):
+        flags = state.flags
+        if flags.nrt or flags.debuginfo or not is_plain(state.func_id.func, state.args):
             return super().define_pipelines()
         manager = _Passes("nopython")
         for each in (
@@ -58,8 +65,8 @@ class KernelCompiler(compiler.Compiler):
             InlineInlinables,
             _Rewriting,
             NopythonTypeInference,
-            PreLowerStripPhis,
-            _Lowering,
+            _StrippingPhis,
+            self.lowering,
             NoPythonBackend,
         ):
             manager.add_pass(each, each.__name__)
@@ -67,12 +74,11 @@ class KernelCompiler(compiler.Compiler):
         return [manager]
 
 
-def _is_plain(function: Any, args: Any, flags: Any) -> bool:
-    """Whether a function needs none of what is left out."""
+def is_plain(function: Any, args: Any) -> bool:
+    """Whether a function that allocates nothing needs none of what is left out."""
     code = function.__code__
     return (
-        not (flags.nrt or flags.debuginfo)
-        and not inspect.isgeneratorfunction(function)
+        not inspect.isgeneratorfunction(function)
         and _UNUSUAL_NAMES.isdisjoint(code.co_names)
         and not any(each.opname in _UNUSUAL for each in dis.get_instructions(code))
         and all(isinstance(each, _PLAIN) for each in args)
@@ -91,6 +97,10 @@ class _Passes(PassManager):
 
 class _Lower(Lower):
     """Lowering where no variable counts references: none has to be deleted or replaced."""
+
+    def __init__(self, *args: Any, **keywords: Any) -> None:
+        super().__init__(*args, **keywords)
+        self._natural: dict[str, bool] = {}
 
     def storevar(self, value: Any, name: str, argidx: Any = None) -> None:
         if name in self._singly_assigned_vars:
@@ -195,6 +205,7 @@ class _Lower(Lower):
             and not context.enable_boundscheck
         ):
             return None
+        naturals = self._naturals(index_var.name, typ.ndim)
         index = self.loadvar(index_var.name)
         index = context.cast(builder, index, self.typeof(index_var.name), indexty)
         indices = [index]
@@ -210,7 +221,7 @@ class _Lower(Lower):
             indices[k] = each = context.cast(
                 builder, each, own, types.intp if own.signed else types.uintp
             )
-            if own.signed and not (isinstance(each, Constant) and each.constant >= 0):
+            if own.signed and not naturals[k] and not _is_natural_constant(each):
                 negative = builder.icmp_signed("<", each, each.type(0))
                 from_end = builder.add(field("shape", k), each)
                 indices[k] = builder.select(negative, from_end, each)
@@ -222,6 +233,68 @@ class _Lower(Lower):
             return builder.gep(data, [at])
         offsets = [builder.mul(field("strides", k), each) for k, each in enumerate(indices)]
         return pointer_add(builder, data, reduce(builder.add, offsets))
+
+    def _naturals(self, name: str, count: int) -> list[bool]:
+        """Of each index of an element, whether it is sure to be none that counts from the end."""
+        (found, *others) = self.func_ir._definitions.get(name, [None])
+        if count > 1:
+            is_tuple = not others and isinstance(found, ir.Expr) and found.op == "build_tuple"
+            names = [each.name for each in found.items] if is_tuple else []
+            return [self._is_natural(each) for each in names] or [False] * count
+        return [self._is_natural(name)]
+
+    def _is_natural(self, name: str) -> bool:
+        """Whether a variable is 0 or counts up from there, or is what such a count comes from."""
+        if name not in self._natural:
+            self._natural[name] = True  # which is kept up if what it is made from is so, given that
+            found = self.func_ir._definitions.get(name, ())
+            if not (found and all(map(self._makes_natural, found))):
+                names = list(self._natural)
+                for each in names[names.index(name) :]:  # found meanwhile, given that
+                    if self._natural[each]:
+                        del self._natural[each]
+                self._natural[name] = False
+        return self._natural[name]
+
+    def _makes_natural(self, value: Any) -> bool:
+        if isinstance(value, ir.Var):
+            return self._is_natural(value.name)
+        if isinstance(value, ir.Const | ir.Global | ir.FreeVar):
+            return isinstance(value.value, int) and value.value >= 0
+        if not isinstance(value, ir.Expr):
+            return False
+        if value.op in ("pair_first", "iternext", "getiter", "cast"):
+            return self._is_natural(value.value.name)
+        if value.op in ("binop", "inplace_binop"):
+            operation = value.fn if value.op == "binop" else value.immutable_fn
+            sides = (value.lhs.name, value.rhs.name)
+            return operation in _COUNTING and all(map(self._is_natural, sides))
+        if value.op == "call" and not value.kws and not value.vararg:
+            functions = self.func_ir._definitions.get(value.func.name, ())
+            if [getattr(each, "value", None) for each in functions] == [range]:
+                return len(value.args) == 1 or (
+                    len(value.args) == 2 and self._is_natural(value.args[0].name)
+                )
+        return False
+
+
+_COUNTING = {operator.add, operator.mul}
+
+
+def _is_natural_constant(value: Any) -> bool:
+    return isinstance(value, Constant) and value.constant >= 0
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _StrippingPhis(PreLowerStripPhis):
+    """Each block assigns what others choose by where they come from."""
+
+    _name = "kernel_stripping_phis"
+
+    def run_pass(self, state: Any) -> bool:
+        state.func_ir = self._strip_phi_nodes(state.func_ir)
+        state.func_ir._definitions = build_definitions(state.func_ir.blocks)
+        return True
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -238,11 +311,17 @@ class _Rewriting(FunctionPass):
         if types.none in state.args:
             dead_branch_prune(function, state.args)
         function.blocks = blocks = canonicalize_cfg(function.blocks)
+        infer = function.infer_constant
+        seen: dict[str, bool] = {}
+        function.infer_constant = lambda name: (
+            infer(name) if _may_be_constant(function, str(name), seen) else _give_up()
+        )
         for each in (RewriteConstGetitems, RewriteConstSetitems):
             rewrite = each(state)
             for key, block in list(blocks.items()):
                 while rewrite.match(function, block, None, None):
                     blocks[key] = block = rewrite.apply()
+        del function.infer_constant
         reconstruct_ssa(function)
         function._definitions = build_definitions(function.blocks)
         return True
@@ -253,3 +332,28 @@ class _Lowering(BaseNativeLowering):
     _name = "kernel_lowering"  # type: ignore[assignment]
 
     lowering_class = _Lower
+
+
+def _may_be_constant(function: Any, name: str, seen: dict[str, bool]) -> bool:
+    """Whether to ask numba for the value of a variable; if it has none, it words a long message."""
+    if name not in seen:
+        seen[name] = False
+        found = function._definitions.get(name, ())
+        if len(found) == 1:
+            (value,) = found
+            if isinstance(value, ir.Expr):
+                names = {each.name for each in value.list_vars()}
+                constant = value.op in ("call", "getattr", "build_tuple")
+                seen[name] = constant and all(_may_be_constant(function, n, seen) for n in names)
+            elif isinstance(value, ir.Var):
+                seen[name] = _may_be_constant(function, value.name, seen)
+            else:
+                seen[name] = not isinstance(value, ir.Arg)
+    return seen[name]
+
+
+def _give_up() -> Any:
+    raise _NOT_CONSTANT
+
+
+_NOT_CONSTANT = errors.ConstantInferenceError("not constant")

@@ -1,13 +1,9 @@
-"""Compiled functions in two kinds: kernels that Python calls, and parts that kernels are made of.
+"""Compiled functions: kernels, which Python calls, parts, which kernels are made of, and others.
 
-numba makes a library of each compiled function: it optimises it together with all that it calls,
-makes machine code of it, and ways in for Python and C. Of what only compiled code calls none of
-that is needed, as whatever calls it is optimised together with it again: a function that lies five
-calls deep is optimised six times, and machine code is made of it as often.
-
-A part is compiled into whatever calls it, and kept with that; it has no machine code of its own.
-Called from Python, as tests do, it is compiled once more as an ordinary function.
-:mod:`~sinstool.core.kernel_compiler` says what of numba's compiler both do without.
+numba compiles all of them, and takes longer to import than most logs take to process. So nothing
+here imports it before something has to be compiled: :mod:`~sinstool.core.machine_code` keeps what
+it makes of a kernel, and runs it. :mod:`~sinstool.core.dispatchers` says what kernels and parts do
+without.
 
 Neither counts references nor looks for zero divisors, unless asked to, as both take longer to
 compile than what they guard. What allocates or returns arrays has to say so.
@@ -15,66 +11,89 @@ compile than what they guard. What allocates or returns arrays has to say so.
 
 from __future__ import annotations
 
-import gc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache, cached_property
-from threading import local
-from types import BuiltinFunctionType
+from collections.abc import Callable
+from functools import cached_property, partial, update_wrapper
+from threading import RLock
 from typing import Any, TypeVar, cast
 
-from numba import njit, version_info
-from numba.core import base, codegen, config, cpu, errors, registry, types, typing
+from sinstool.core.machine_code import Entry, described, load
 
-from sinstool.core.compiled import set_up_cache
-
-__all__ = ["kernel", "part"]
+__all__ = ["kernel", "njit", "part"]
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-# Versions of numba whose insides are as this module and the compiler of kernels have them.
-INSIDES = {(0, 68)}
 
-_Library = codegen.CPUCodeLibrary
-_turn = local()
+class _Compiled:
+    """A function that numba compiles, as soon as it is called or compiled code is to call it."""
 
-
-class _Kernel(registry.CPUDispatcher):
-    """A kernel: the functions that it calls are compiled as parts of it."""
-
-    vectorizes = True
-
-    def compile(self, signature: Any) -> Any:
-        with _ours(self.vectorizes):
-            return super().compile(signature)
-
-
-class _Part(registry.CPUDispatcher):
-    """Compiles for compiled code, and has a kernel compile for Python."""
+    def __init__(self, function: Any, make: str, options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self.py_func = function
+        self._make, self._options = make, options
 
     @cached_property
-    def _for_python(self) -> Any:
-        options = {k: v for k, v in self.targetoptions.items() if k not in _NO_WAY_IN}
-        return kernel(**options)(self.py_func)
+    def dispatcher(self) -> Any:
+        """What numba has for the function."""
+        from sinstool.core import dispatchers
 
-    def add_overload(self, compiled: Any) -> None:
-        # Not where calls from Python look, which would find no way in
-        self.overloads[tuple(compiled.signature.args)] = compiled
+        return getattr(dispatchers, self._make)(self.py_func, self._options)
 
-    def _compile_for_args(self, *args: Any, **keywords: Any) -> Any:
-        return self._for_python._compile_for_args(*args, **keywords)
+    @property
+    def _numba_type_(self) -> Any:
+        """Type to numba, where compiled code names the function."""
+        return self.dispatcher._numba_type_
+
+    @property
+    def targetoptions(self) -> Any:
+        """Options, where numba looks for functions to put into others."""
+        return self.dispatcher.targetoptions
+
+    def __call__(self, *args: Any, **keywords: Any) -> Any:
+        return self.dispatcher(*args, **keywords)
+
+    def __reduce__(self) -> Any:
+        return type(self), (self.py_func, self._make, self._options)
 
 
-_PLAIN = (types.Number, types.Boolean, types.Array, types.BaseTuple, types.Record)
-_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-_ONE_WAY_IN = {"nopython": True, "no_cfunc_wrapper": True}
-_NO_WAY_IN = _ONE_WAY_IN | {"no_cpython_wrapper": True}
+class _Kernel(_Compiled):
+    """A kernel, or a part as Python calls it."""
+
+    def __init__(self, function: Any, make: str, options: dict[str, Any]) -> None:
+        super().__init__(function, make, options)
+        self._entries: dict[Any, Entry | None] = {}
+        self._lock = RLock()
+
+    def __call__(self, *args: Any, **keywords: Any) -> Any:
+        key, words = described(args)
+        if key is None or keywords:
+            return self.dispatcher(*args, **keywords)
+        try:
+            entry = self._entries[key]
+        except KeyError:
+            with self._lock:
+                if key not in self._entries:
+                    self._entries[key] = self._find(key, args)
+            entry = self._entries[key]
+        return self.dispatcher(*args) if entry is None else entry(words)
+
+    def _find(self, key: Any, args: tuple[Any, ...]) -> Entry | None:
+        """The way into machine code for types of arguments; None: numba's has to be taken."""
+        if self._options["_nrt"] or self.py_func.__closure__:
+            return None
+        options = {k: sorted(v) if isinstance(v, set) else v for k, v in self._options.items()}
+        key = key, sorted(options.items())
+        is_kept, entry = load(self.py_func, key)
+        if is_kept:
+            return entry
+        from sinstool.core import dispatchers
+
+        return dispatchers.way_in(self.dispatcher, key, args)
 
 
 def kernel(
     *, allocates: bool = False, vectorizes: bool = True, **options: Any
 ) -> Callable[[Function], Function]:
-    """Decorate a function that Python calls; it is kept in numba's cache.
+    """Decorate a function that Python calls; its machine code is kept.
 
     Parameters
     ----------
@@ -86,17 +105,8 @@ def kernel(
     **options
         Of `numba.njit`, by default those for loops over numbers.
     """
-    options = _OPTIONS | {"_nrt": allocates} | options
-
-    def decorate(function: Function) -> Function:
-        if not _supported():
-            return cast(Function, njit(cache=True, **options)(function))
-        made = _Kernel(function, targetoptions=options | _ONE_WAY_IN, pipeline_class=_compiler())
-        made.vectorizes = vectorizes
-        made.enable_caching()
-        return cast(Function, made)
-
-    return decorate
+    options = {"_nrt": allocates, "vectorizes": vectorizes} | options
+    return partial(_made, _Kernel, "dispatcher", options)
 
 
 def part(*, allocates: bool = False, **options: Any) -> Callable[[Function], Function]:
@@ -109,131 +119,14 @@ def part(*, allocates: bool = False, **options: Any) -> Callable[[Function], Fun
     **options
         Of `numba.njit`, by default those for loops over numbers.
     """
-    options = _OPTIONS | {"_nrt": allocates} | options
-
-    def decorate(function: Function) -> Function:
-        if not _supported():
-            return cast(Function, njit(cache=True, **options)(function))
-        return cast(
-            Function,
-            _Part(function, targetoptions=options | _NO_WAY_IN, pipeline_class=_compiler()),
-        )
-
-    return decorate
+    options = {"_nrt": allocates} | options
+    return partial(_made, _Kernel, "dispatcher", options)
 
 
-@contextmanager
-def _ours(vectorizes: bool) -> Iterator[None]:
-    """This thread compiles a kernel."""
-    before, colours = getattr(_turn, "ours", False), errors._termcolor_inst  # type: ignore[attr-defined]
-    if not before:
-        _turn.values, _turn.vectorizes = {}, vectorizes
-    _turn.ours = True
-    errors._termcolor_inst = _Plain()  # type: ignore[attr-defined]
-    collects = gc.isenabled()
-    gc.disable()  # the compiler makes objects by the million, and few circles
-    try:
-        yield
-    finally:
-        _turn.ours = before
-        errors._termcolor_inst = colours  # type: ignore[attr-defined]
-        if collects:
-            gc.enable()
+def njit(**options: Any) -> Callable[[Function], Function]:
+    """Decorate a function as `numba.njit` does, when it is used."""
+    return partial(_made, _Compiled, "jitted", options)
 
 
-class _Plain:
-    """Colours of numba's messages, most of which it makes, while it tries what fits, for nobody."""
-
-    def __getattr__(self, name: str) -> Callable[[str], str]:
-        return str
-
-
-@cache
-def _compiler() -> Any:
-    """The compiler of kernels; another numba may lack what it is made of, and never gets here."""
-    from sinstool.core.kernel_compiler import KernelCompiler
-
-    return KernelCompiler
-
-
-@cache
-def _supported() -> bool:
-    """Have numba leave libraries of parts to the libraries that they become parts of.
-
-    Not of its public interface: any other version than those of `INSIDES` does without, and
-    compiles for longer.
-    """
-    if version_info.short not in INSIDES or getattr(config, "DISABLE_JIT", False):
-        return False
-    theirs_type = types.BaseFunction.get_call_type
-    theirs_get = cpu.CPUContext.get_executable
-    theirs_add = _Library.add_linking_library
-    theirs_optimize = _Library._optimize_functions
-    theirs_builder = codegen.CPUCodegen._pass_builder
-    theirs_value = typing.Context.resolve_value_type
-    inferred: dict[tuple[int, Any], tuple[Any, Any]] = {}
-
-    def resolve_value_type(self: Any, value: Any) -> Any:
-        if not isinstance(value, BuiltinFunctionType) or not getattr(_turn, "ours", False):
-            return theirs_value(self, value)
-        if value not in _turn.values:
-            _turn.values[value] = theirs_value(self, value)
-        return _turn.values[value]
-
-    def get_call_type(self: Any, context: Any, args: Any, keywords: Any) -> Any:
-        plain = all(isinstance(each, _PLAIN) for each in args)
-        if keywords or not plain or not getattr(_turn, "ours", False):
-            return theirs_type(self, context, args, keywords)
-        key = (id(self), args)
-        if key not in inferred:
-            inferred[key] = (self, theirs_type(self, context, args, keywords))
-        return inferred[key][1]
-
-    def get_executable(self: Any, library: Any, fndesc: Any, env: Any) -> Any:
-        if not _without_way_in(library, fndesc):
-            return theirs_get(self, library, fndesc, env)
-        library._is_part = library._finalized = True
-        name = fndesc.qualname.split(".")[-1]
-        return cpu._dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
-
-    def optimize_functions(self: Any, module: Any) -> None:
-        # What becomes part of others is optimised there; doing so before takes as long again
-        if not getattr(_turn, "ours", False):
-            theirs_optimize(self, module)
-        module.data_layout = self._codegen._data_layout
-
-    def pass_builder(self: Any, **keywords: Any) -> Any:
-        if getattr(_turn, "ours", False) and not _turn.vectorizes:
-            keywords["loop_vectorize"] = False
-        return theirs_builder(self, **keywords)
-
-    def add_linking_library(self: Any, library: Any) -> None:
-        theirs_add(self, library)
-        if getattr(library, "_is_part", False):
-            for each in library._linking_libraries:
-                if each not in self._linking_libraries:
-                    add_linking_library(self, each)
-
-    typing.Context.resolve_value_type = resolve_value_type  # type: ignore[method-assign]
-    base._has_loc = cache(base._has_loc)
-    types.BaseFunction.get_call_type = get_call_type  # type: ignore[assignment, method-assign]
-    cpu.CPUContext.get_executable = get_executable  # type: ignore[method-assign]
-    codegen.CPUCodegen._pass_builder = pass_builder  # type: ignore[method-assign]
-    _Library._optimize_functions = optimize_functions  # type: ignore[method-assign]
-    _Library.add_linking_library = add_linking_library  # type: ignore[method-assign]
-    return True
-
-
-def _without_way_in(library: Any, fndesc: Any) -> bool:
-    """Whether a library of a kernel's can only be called by other compiled code."""
-    if library._finalized or not getattr(_turn, "ours", False):
-        return False
-    ways_in = {fndesc.llvm_cpython_wrapper_name, fndesc.llvm_cfunc_wrapper_name}
-    module = library._final_module
-    # What calls itself is found by its address
-    return not any(f.name in ways_in for f in module.functions) and not any(
-        g.name.startswith(codegen.RuntimeLinker.PREFIX) for g in module.global_variables
-    )
-
-
-set_up_cache()
+def _made(kind: Any, make: str, options: dict[str, Any], function: Function) -> Function:
+    return cast(Function, kind(function, make, options))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Literal
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.parts import njit
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.truth import ImuTruth, check_times
@@ -99,7 +99,7 @@ def markov(
 
 
 # scipy.signal.lfilter does the same, but takes longer to import than most logs to simulate.
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def carry_over(decay: FloatArray, driven: FloatArray) -> None:
     """First-order processes from their driving noise, ``x[k] = decay[k] x[k-1] + w[k]``.
 

@@ -22,12 +22,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from math import atan2, cos, hypot, sin, sqrt
 
-import numba
 import numpy as np
 
 from sinstool.core import earth, rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.gravity import normal_gravity
+from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import cross
 from sinstool.simulation.truth import ImuTruth, Trajectory, check_times
 
@@ -188,7 +188,7 @@ def _collocation(node: FloatArray) -> FloatArray:
     return np.ascontiguousarray(np.linalg.solve(values, integrals).T)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _turn(p1: float, p2: float, p3: float, h: float, v1: float, v2: float) -> tuple[float, float]:
     """Rate of ``w`` against the Earth about its first two axes; `p` is the Earth's axis in it."""
     square = 1.0 - earth.ECCENTRICITY_SQUARED * p3 * p3
@@ -200,7 +200,7 @@ def _turn(p1: float, p2: float, p3: float, h: float, v1: float, v2: float) -> tu
     return v2 / rn + more * p2, -(v1 / rn + more * p1)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _sense(
     p1: float, p2: float, p3: float, h: float, r1: float, r2: float, state: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
@@ -234,7 +234,7 @@ def _sense(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _travel_kernel(
     states: FloatArray,
     interval: FloatArray,

@@ -6,8 +6,9 @@ import pytest
 from numba import version_info
 from numba.core.caching import NullCache
 
-from sinstool.core import parts
-from sinstool.core.parts import INSIDES, _supported, kernel, part
+from sinstool.core import dispatchers
+from sinstool.core.dispatchers import INSIDES, _supported
+from sinstool.core.parts import kernel, part
 
 RECORD = np.dtype(
     (
@@ -113,9 +114,9 @@ def test_kernels_compute_what_numba_makes_of_them(name):
     compiled = kernel()(function)
     if _supported():
         # Not by numba's own compiler, then
-        from sinstool.core.kernel_compiler import _is_plain
+        from sinstool.core.kernel_compiler import is_plain
 
-        assert _is_plain(function, [numba.typeof(each) for each in ours], _Flags)
+        assert is_plain(function, [numba.typeof(each) for each in ours])
     results = compiled(*ours), numba.njit(error_model="numpy")(function)(*theirs)
     np.testing.assert_array_equal(*results)
     for own, other in zip(ours, theirs, strict=True):
@@ -127,9 +128,9 @@ def test_our_compiler_is_used_in_the_versions_it_was_written_for():
 
 
 def test_another_numba_compiles_in_its_own_way(monkeypatch):
-    monkeypatch.setattr(parts, "INSIDES", set())
+    monkeypatch.setattr(dispatchers, "INSIDES", set())
     assert not _supported.__wrapped__()
-    monkeypatch.setattr(parts, "_supported", lambda: False)
+    monkeypatch.setattr(dispatchers, "_supported", lambda: False)
 
     @part()
     def twice(x):
@@ -140,14 +141,11 @@ def test_another_numba_compiles_in_its_own_way(monkeypatch):
         for i in range(len(a)):
             a[i] = twice(a[i])
 
-    assert type(twice) is type(fill) is type(numba.njit(lambda x: x))
+    types = {type(each) for each in (twice.dispatcher, fill.dispatcher, numba.njit(lambda x: x))}
+    assert len(types) == 1
     a = np.arange(3.0)
     fill(a)
     np.testing.assert_array_equal(a, [0.0, 2.0, 4.0])
-
-
-class _Flags:
-    nrt = debuginfo = False
 
 
 def test_what_is_done_only_with_an_argument_is_left_out_where_it_is_none():
@@ -186,9 +184,78 @@ def test_loops_over_several_elements_at_a_time_can_be_done_without():
 
     for vectorizes in (True, False):
         compiled = kernel(vectorizes=vectorizes)(sums)
+        if _supported():
+            compiled = compiled.dispatcher._for_python
         compiled._cache = NullCache()  # which keeps no text of the code
         a = np.arange(37.0)
         compiled(a, a[::-1].copy())
         np.testing.assert_array_equal(a, np.arange(37.0) + 3.0 * np.arange(36.0, -1.0, -1.0))
         (code,) = compiled.inspect_llvm().values()
         assert ("x double>" in code) == (vectorizes or not _supported())
+
+
+def counted(a, b, n):
+    total, down, k = 0.0, n, 0
+    for i in range(n):
+        for j in range(i, n):
+            total += a[i * n + j] - b[j - n] + a[k]
+        down -= 1
+        b[down] = total
+        b[down - n] += a[i - 1]
+        k += i
+    for i in range(-2, 2):
+        total += a[i]
+    for i in range(n - 1, -1, -1):
+        total += b[i] * a[min(i, n) - 1]
+    back = 0
+    while back > -n:
+        total += a[back] * b[back]
+        back += -1
+    m = 1
+    for i in range(3):
+        m = i if i > 0 else m - 2
+        total += b[m]
+    return total
+
+
+def test_indices_that_count_and_indices_from_the_end():
+    ours, theirs = np.arange(1.0, 5.0), np.arange(1.0, 5.0)
+    a = np.sqrt(np.arange(16.0))
+    assert kernel()(counted)(a, ours, 4) == counted(a, theirs, 4)
+    np.testing.assert_array_equal(ours, theirs)
+
+
+def widened(a, n):
+    x, y, z = 0, 1, 0
+    for i in range(n):
+        z = y // 2
+        y = x + 1
+        x = a[i] if i > 1 else i
+    return x, y, z
+
+
+def test_types_that_change_in_a_loop():
+    a = np.array([0.25, 1.75, 2.5, 3.25, 4.5])
+    result = kernel()(widened)(a, 5)
+    assert result == widened(a, 5) == numba.njit(widened)(a, 5)
+    assert [type(each) for each in result] == [float, float, float]
+
+
+def chosen(a, n):
+    for i in range(n):
+        if a[i] > 0.0:
+            best = a[i]
+            if i > 2:
+                best, a[0] = a[0], best
+        elif i == 1:
+            best = -a[i]
+            while best > 1.0:
+                best /= 2.0
+        a[i] = best
+    return best
+
+
+def test_variables_with_several_values():
+    ours, theirs = np.array([1.0, -7.0, 3.0, 5.0, -2.0]), np.array([1.0, -7.0, 3.0, 5.0, -2.0])
+    assert kernel()(chosen)(ours, 5) == chosen(theirs, 5)
+    np.testing.assert_array_equal(ours, theirs)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sinstool.core.compiled import njit
+from sinstool.core.parts import njit
 from sinstool.io.readers.limits import MAX_BLOCK, MAX_RECORD
 from sinstool.io.readers.scan import rosbag1_record, u16, u32, u64
 

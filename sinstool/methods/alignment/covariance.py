@@ -8,10 +8,10 @@ estimated. Linearised error analysis after Qu et al., eqs. (6)-(11), and Markley
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.parts import njit
 from sinstool.core.rotation import skew
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.pairs import Pairs, PairSums, cross_columns, velocity_gains
@@ -170,7 +170,7 @@ def drifting_noise(
     return np.asarray(sigma**2 * d.T @ d + drift**2 * d.T @ correlated)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _correlate(d, decay):  # type: ignore[no-untyped-def]
     """Sum over j of ``exp(-|t_k - t_j| / tau) d_j``, by one pass each way."""
     count = d.shape[0]

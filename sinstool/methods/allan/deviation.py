@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.parts import njit
 
 PER_OCTAVE = 3
 # So many phases of an axis are kept; of longer logs every second, fourth, ... one, which serves

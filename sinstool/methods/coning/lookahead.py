@@ -27,11 +27,11 @@ from __future__ import annotations
 
 from functools import cache
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.parts import njit
 from sinstool.methods.coning import polynomial
 from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
 from sinstool.methods.coning.picard import fit, room_for, rotate_polynomial
@@ -153,7 +153,7 @@ def _end_rates(points: int) -> FloatArray:
     return np.ascontiguousarray(np.einsum("kp,jip->ikj", to_rate, parts))
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _kernel(
     x: FloatArray,
     dt: FloatArray,

@@ -25,11 +25,11 @@ from __future__ import annotations
 
 from functools import cache
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import cross, put, row, to_rotation_vector, weighted_sum
 from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 from sinstool.methods.coning.polynomial import table, through_increments
@@ -130,7 +130,7 @@ def check_samples(family: str, samples: int, least: int) -> None:
         )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def fit(
     x: FloatArray,
     start: int,
@@ -149,7 +149,7 @@ def fit(
     return size
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def rotate_polynomial(
     c: FloatArray, terms: int, size: float, room: FloatArray, out: FloatArray, update: int
 ) -> None:
@@ -178,13 +178,13 @@ def rotate_polynomial(
     to_rotation_vector(w, x, y, z, out, update)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def room_for(terms: int) -> FloatArray:
     """Scratch memory of :func:`rotate_polynomial`: the series, and a part's coefficients."""
     return np.empty((MOST_TERMS + 1 + terms, 4))
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _part(c: FloatArray, terms: int, middle: float, half_width: float, moved: FloatArray) -> float:
     """Coefficients of the polynomial over a part of the update; return their size."""
     size = 0.0
@@ -203,7 +203,7 @@ def _part(c: FloatArray, terms: int, middle: float, half_width: float, moved: Fl
     return size
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _series(
     c: FloatArray, terms: int, size: float, q: FloatArray
 ) -> tuple[float, float, float, float]:
@@ -254,7 +254,7 @@ def _series(
     )
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def times_vector(q: FloatArray, k: int, v: FloatArray, i: int) -> tuple[float, float, float, float]:
     """Product of the quaternion in row `k` of `q` and the vector in row `i` of `v`."""
     w, x, y, z = q[k, 0], q[k, 1], q[k, 2], q[k, 3]
@@ -263,7 +263,7 @@ def times_vector(q: FloatArray, k: int, v: FloatArray, i: int) -> tuple[float, f
     return -(x * ax + y * ay + z * az), w * ax + cx, w * ay + cy, w * az + cz
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _series_kernel(
     x: FloatArray, first: int, samples: int, fits: FloatArray, out: FloatArray
 ) -> None:
@@ -278,7 +278,7 @@ def _series_kernel(
         rotate_polynomial(c, terms, size, room, out, update)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _iterated_kernel(
     x: FloatArray, first: int, samples: int, fits: FloatArray, iterations: int, out: FloatArray
 ) -> None:

@@ -28,10 +28,10 @@ from __future__ import annotations
 
 from functools import cache
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import to_rotation_vector
 from sinstool.methods.coning import polynomial
 from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
@@ -114,7 +114,7 @@ def _chebyshev_fits(samples: int, before: int) -> FloatArray:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _iteration_kernel(
     x: FloatArray, first: int, samples: int, fits: FloatArray, out: FloatArray
 ) -> None:
@@ -150,7 +150,7 @@ def _iteration_kernel(
         to_rotation_vector(qw, qx, qy, qz, out, update)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _multiply(
     d: FloatArray, length: int, quarter: FloatArray, terms: int, rate: FloatArray
 ) -> None:
@@ -171,7 +171,7 @@ def _multiply(
             rate[low, 3] += z
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _integrate(rate: FloatArray, length: int, limit: float, d: FloatArray) -> int:
     """Integrate `length` coefficients from -1 into `d`; return how many of them count."""
     order = min(length, _MOST_ORDER)

@@ -8,10 +8,9 @@ References
 
 from __future__ import annotations
 
-import numba
-
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import cross, put, row
 from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 
@@ -68,7 +67,7 @@ def two_speed(samples: int | None = None) -> SavageTwoSpeed:
     return SavageTwoSpeed(samples)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _two_speed_kernel(x: FloatArray, first: int, samples: int, out: FloatArray) -> None:
     for update in range(out.shape[0]):
         start = first + update * samples

@@ -50,11 +50,11 @@ from collections.abc import Sequence
 from math import factorial, isfinite
 from typing import Literal, cast
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import cross, row
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 
@@ -192,7 +192,7 @@ class SingularPerturbation(ConingAlgorithm):
         return self.epsilon * interval if self.relative else self.epsilon
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _model(variant: int, t: float, epsilon: float) -> tuple[float, float, float]:
     """Return A, K1 and K2 of the module's table for one interval."""
     if variant == _PRINTED:
@@ -212,7 +212,7 @@ def _model(variant: int, t: float, epsilon: float) -> tuple[float, float, float]
     return 0.5 * t * (1.0 - langevin(x)), t * t * t * (h1(x) - 1.0 / 6.0), t * t * h2(x)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _two_rate_form(variant: int, t: float, epsilon: float, n: float) -> tuple[float, float]:
     """Return p and kappa under eq. 14: a x b = 0, c x a = -(1-n) w1 x w2, b x c = n/T w1 x w2."""
     a, _, k2 = _model(variant, t, epsilon)
@@ -220,7 +220,7 @@ def _two_rate_form(variant: int, t: float, epsilon: float, n: float) -> tuple[fl
     return m * a + 0.5 * n * t, 0.5 * (n * t * t / 6.0 - m * k2)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _gain_kernel(
     x: FloatArray,
     dt: FloatArray,
@@ -249,7 +249,7 @@ def _gain_kernel(
         out[update, 2] = p * uz + rest * vz + kappa * cz
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _vector_kernel(
     x: FloatArray,
     dt: FloatArray,
@@ -295,7 +295,7 @@ _G1_SERIES = np.array(
 _G2_SERIES = np.array([(-1) ** m * (m - 2) / factorial(m) for m in range(3, 3 + _TERMS)])
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _series(coefficients: FloatArray, x: float) -> float:
     """Sum of a power series for x < 1, the highest power first."""
     total = 0.0
@@ -304,7 +304,7 @@ def _series(coefficients: FloatArray, x: float) -> float:
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def g0(x: float) -> float:
     """Integral of the boundary layer, in units of T: ``(1 - E) / x``."""
     if x == 0.0:
@@ -312,7 +312,7 @@ def g0(x: float) -> float:
     return -np.expm1(-x) / x
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def g1(x: float) -> float:
     """Coning of the boundary layer with the slope, in units of T**3."""
     if x < 1.0:
@@ -321,7 +321,7 @@ def g1(x: float) -> float:
     return (-0.5 * (1.0 + e) + (-2.0 * e - 2.0 * np.expm1(-x) / x) / x) / x
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def g2(x: float) -> float:
     """Coning of the constant with the boundary layer, in units of T**2."""
     if x < 1.0:
@@ -329,7 +329,7 @@ def g2(x: float) -> float:
     return (-2.0 * np.expm1(-x) / x - (1.0 + np.exp(-x))) / x
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def langevin(x: float) -> float:
     """Return ``L = coth(x/2) - 2/x``, the asymmetry of the two-point solution."""
     if x < 1.0:
@@ -337,7 +337,7 @@ def langevin(x: float) -> float:
     return (1.0 + np.exp(-x)) / -np.expm1(-x) - 2.0 / x
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def h1(x: float) -> float:
     """Coning of the two-point boundary layer with the slope, in units of T**3."""
     if x < 1.0:
@@ -345,7 +345,7 @@ def h1(x: float) -> float:
     return (g1(x) + 1.0 / 6.0) / -np.expm1(-x)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def h2(x: float) -> float:
     """Coning of the first rate with the two-point boundary layer, in units of T**2."""
     if x < 1.0:

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.earth import normal_gravity
+from sinstool.core.parts import njit
 from sinstool.core.rotation import rotate
 from sinstool.methods.height import layout
 from sinstool.methods.height.channel import (

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
+from sinstool.core.parts import njit
 from sinstool.methods.hse.rig import EncoderModel
 
 SMOOTHING_S = 0.25

@@ -21,10 +21,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.errors import AlignmentError
+from sinstool.core.parts import njit
 from sinstool.methods.hse.encoder import TableAngle
 
 BLOCK_S = 0.25

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from sinstool.core import earth
+from sinstool.core.parts import njit
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Imu, Solution
 from sinstool.core.timeline import SECOND

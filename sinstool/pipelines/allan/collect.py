@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import njit
 from sinstool.core.timeline import SECOND
 from sinstool.methods.allan.deviation import (
     Variances,

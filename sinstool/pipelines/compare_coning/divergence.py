@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import atan2, sqrt
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import product, to_rotation_vector
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate
 
@@ -116,7 +116,7 @@ def part(
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _merge(first: IntArray, second: IntArray, mine: IntArray, theirs: IntArray) -> int:
     """Places of equal numbers in two increasing columns; how many there are."""
     i = j = count = 0
@@ -142,7 +142,7 @@ def _shared(first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
     return mine[:count], theirs[:count]
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _relative(p: FloatArray, q: FloatArray) -> tuple[float, float, float, float]:
     """``p q^-1``."""
     return (
@@ -153,7 +153,7 @@ def _relative(p: FloatArray, q: FloatArray) -> tuple[float, float, float, float]
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _psi(
     q: FloatArray, r: FloatArray, mine: IntArray, theirs: IntArray, edges: IntArray, out: FloatArray
 ) -> None:
@@ -173,7 +173,7 @@ def _psi(
             to_rotation_vector(sign * c, sign * x, sign * y, sign * z, out, k)
 
 
-@numba.njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def _widest(q: FloatArray, r: FloatArray, mine: IntArray, theirs: IntArray) -> float:
     """Largest angle of ``q r^-1`` against its first."""
     tw, tx, ty, tz = _relative(r[theirs[0]], q[mine[0]])

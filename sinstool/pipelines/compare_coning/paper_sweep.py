@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 from math import factorial
 from queue import Empty, SimpleQueue
 
-import numba
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import product
 from sinstool.core.rotation import log
 from sinstool.core.threads import executor
@@ -266,7 +266,7 @@ _C1, _C2, _C3, _C4, _C5, _C6 = ((-1) ** k / factorial(2 * k) for k in range(1, 7
 _S1, _S2, _S3, _S4, _S5, _S6 = ((-1) ** k / factorial(2 * k + 1) for k in range(1, 7))
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _propagate_differences(
     phi: FloatArray,
     row_phi: FloatArray,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.compiled import njit
+from sinstool.core.parts import njit
 
 # Rows that are made at once: their text stays in the processor's cache
 ROWS = 4096

@@ -1,0 +1,213 @@
+"""Machine code of kernels, kept in files and run without numba.
+
+A kernel has one way in: a function that takes the address of a block of words of 64 bits, the
+arguments one after the other, and leaves there what is returned. For an array the words are its
+address, its shape and its strides in bytes, for a record its address, for a number its value.
+LLVM loads the code, which needs nothing but the functions of C's library.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import struct
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from sinstool.core.compiled_files import CompiledFiles, base_name, folder_of, warn_uncached
+from sinstool.core.compiled_sources import stamp
+
+# What LLVM makes calls of, and every C library has
+_OF_C = {
+    "acos", "asin", "atan", "atan2", "cbrt", "ceil", "copysign", "cos", "cosh", "erf", "erfc",
+    "exp", "exp2", "expm1", "fabs", "floor", "fma", "fmod", "hypot", "ldexp", "lgamma", "log",
+    "log10", "log1p", "log2", "memcpy", "memmove", "memset", "nearbyint", "pow", "rint", "round",
+    "sin", "sinh", "sqrt", "tan", "tanh", "tgamma", "trunc",
+}  # fmt: skip
+# What numba and LLVM make code for, if not for the machine that they run on
+_VARIABLES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_OPT", "NUMBA_BOUNDSCHECK")
+_NUMBERS = {float: ("float64", "d"), int: ("int64", "q"), bool: ("bool", "q")}
+_LETTERS = {"f": "d", "i": "q", "u": "Q", "b": "q"}
+_OFF = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
+
+
+class Code(NamedTuple):
+    """Machine code as it is kept."""
+
+    object: bytes  # A file of the system's format for code that is not linked yet
+    name: str  # Of the way in
+    returns: str  # A letter of `struct` for each number that is returned, "?" for a Boolean
+    is_tuple: bool  # They are returned as a tuple
+    needs: tuple[str, ...]  # Functions that it calls
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A way into machine code.
+
+    Parameters
+    ----------
+    address : int
+        Of the way in.
+    returns, is_tuple
+        As in :class:`Code`.
+    holds : object
+        What has to live as long.
+    """
+
+    address: int
+    returns: str
+    is_tuple: bool
+    holds: Any
+
+    def __post_init__(self) -> None:
+        # Which lets other threads of Python run meanwhile
+        call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(self.address)
+        object.__setattr__(self, "_call", call)
+
+    def __call__(self, words: tuple[str, list[Any]]) -> Any:
+        """Run the code on arguments as :func:`described` puts them.
+
+        Raises
+        ------
+        RuntimeError
+            The code says that something went wrong, which that of a kernel never does.
+        """
+        letters, values = words
+        block = ctypes.create_string_buffer(8 * max(len(letters), len(self.returns), 1))
+        struct.pack_into(letters, block, 0, *values)
+        if self._call(block):  # type: ignore[attr-defined]
+            raise RuntimeError("compiled code has failed")
+        if not self.returns:
+            return None
+        found = struct.unpack_from(self.returns.replace("?", "q"), block)
+        if "?" in self.returns:
+            pairs = zip(self.returns, found, strict=True)
+            found = tuple(bool(value) if letter == "?" else value for letter, value in pairs)
+        return found if self.is_tuple else found[0]
+
+
+def described(args: Sequence[Any]) -> tuple[Any, tuple[str, list[Any]]]:
+    """Types of arguments, None where some are of others than kernels take, and their words."""
+    types: list[Any] = []
+    letters: list[str] = []
+    words: list[Any] = []
+    for each in args:
+        kind = type(each)
+        if kind is np.ndarray:
+            flags, shape = each.flags.num, each.shape
+            # Rows or columns together, or neither; aligned, and written to
+            types.append((each.dtype, len(shape), flags & 1 or flags & 2, flags & 0x500))
+            letters.append("q" * (1 + 2 * len(shape)))
+            words += each.__array_interface__["data"][0], *shape, *each.strides
+        elif kind in _NUMBERS:
+            name, letter = _NUMBERS[kind]
+            if kind is int and not -(2**63) <= each < 2**63:
+                return None, ("", [])
+            types.append(name)
+            letters.append(letter)
+            words.append(each)
+        elif each is None:
+            types.append(None)
+        elif isinstance(each, np.void):
+            types.append((each.dtype,))
+            letters.append("q")
+            words.append(np.frombuffer(each, np.uint8).__array_interface__["data"][0])
+        elif isinstance(each, np.generic) and each.dtype.kind in _LETTERS:
+            types.append(each.dtype.name)
+            letters.append(_LETTERS[each.dtype.kind])
+            words.append(each.item())
+        else:
+            return None, ("", [])
+    return tuple(types), ("".join(letters), words)
+
+
+def load(function: Any, key: Any) -> tuple[bool, Entry | None]:
+    """Whether something is kept of a function for types of arguments, and the way into it.
+
+    What is kept without a way in has to be run by numba.
+    """
+    files = None if _OFF else _files(function)
+    if files is None:
+        return False, None
+    try:
+        code = files.load(_whole(key))
+        if code is not None:
+            return True, _linked(Code(*code)) if code else None
+    except Exception:  # a file that is cut short raises whatever pickle comes upon
+        with suppress(OSError):
+            files.flush()
+    return False, None
+
+
+def keep(function: Any, key: Any, code: Code | None) -> None:
+    """Keep machine code, if it needs no more than a C library has."""
+    files = _files(function)
+    if files is None:
+        return
+    try:
+        files.save(_whole(key), tuple(code) if code and _OF_C.issuperset(code.needs) else ())
+    except OSError as exc:
+        warn_uncached(exc.strerror or type(exc).__name__)
+
+
+def _files(function: Any) -> CompiledFiles | None:
+    folder = folder_of(function.__code__.co_filename)
+    if folder is None:
+        return None
+    return CompiledFiles(folder, base_name(function), (_made_by(), stamp(function)))
+
+
+def _linked(code: Code) -> Entry | None:
+    """The way into code; None where functions that it needs are missing."""
+    from llvmlite import binding  # type: ignore[import-untyped]
+
+    _set_up_llvm()
+    if not all(binding.address_of_symbol(name) for name in code.needs):
+        return None
+    machine = binding.Target.from_default_triple().create_target_machine(jit=True)
+    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+    engine.add_object_file(binding.ObjectFileRef.from_data(code.object))
+    engine.finalize_object()
+    address = engine.get_function_address(code.name)
+    return Entry(address, code.returns, code.is_tuple, engine)
+
+
+@cache
+def _set_up_llvm() -> None:
+    from llvmlite import binding
+
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
+
+
+def _whole(key: Any) -> Any:
+    """Types of arguments, and the processor that code for them is made for."""
+    return repr(key), _processor()
+
+
+@cache
+def _processor() -> tuple[Any, ...]:
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features().flatten()
+    asked = tuple(os.environ.get(name) for name in _VARIABLES)
+    return binding.get_process_triple(), binding.get_host_cpu_name(), features, asked
+
+
+@cache
+def _made_by() -> tuple[Any, ...]:
+    """Which numba and LLVM are installed, found without importing them."""
+    found: list[Any] = []
+    for package in ("numba", "llvmlite"):
+        spec = find_spec(package)
+        for place in (spec and spec.submodule_search_locations) or ():
+            status = os.stat(os.path.join(place, "_version.py"))
+            found.append((package, status.st_mtime_ns, status.st_size))
+    return tuple(found)
