@@ -17,6 +17,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     MOVING,
     OWN_RATE,
     QUIET,
+    RATE_DOUBT,
     REST,
     SATURATED,
     STEADY,
@@ -108,7 +109,7 @@ def rest_kind(
     """
     t = row[DURATION]
     level = par[REST_FORCE] ** 2 + row[SWAY_FORCE]
-    steady = par[ZERO_RATE] ** 2 + (par[DRIFT] * since) ** 2
+    steady = par[ZERO_RATE] ** 2 + (par[DRIFT] * since) ** 2 + row[RATE_DOUBT]
     speed = 0.0
     most = STEADY
     force, rates = felt(x, row, DV, 0.5), _rate_at_rest(row, par, x)
@@ -185,7 +186,7 @@ def measure(
             z = -x[V + i]
             update(p, n, XV + i, 1.0, XA, 0.0, XA, 0.0, z, REST_VELOCITY**2, gain, dx)
     if kind != MOVING:
-        steady = par[ZERO_RATE] ** 2 + row[OWN_RATE]
+        steady = par[ZERO_RATE] ** 2 + row[OWN_RATE] + row[RATE_DOUBT]
         steady += SWAY_LASTS * max(0.0, row[SWAY_RATE] - row[OWN_RATE])
         rates = _rate_at_rest(row, par, x)
         for i in range(3):

@@ -34,11 +34,12 @@ from sinstool.methods.attitude_smoother.start import filtered
 
 # A vehicle must explain a moving epoch better by so much, in nat, or a moving second, where
 # a smooth road shows no more than slow accelerations; between half and one and a half times that
-# the choice is not sure. Recorded hands come to 0.1 and 2 at most, drones that hover in a room to
-# 1 and 5, cars and ships to 3, or 16, and more; gentle cars and drones with MEMS sensors to 0.6.
+# the choice is not sure. Recorded hands come to 0.1 and 1.6 at most, drones that hover in a room to
+# 1 and 5, cars and ships to 3, or 16, and more; gentle cars with MEMS sensors to no more than 0.04,
+# or 2.6.
 # Doubt goes to the vehicle: its model is tenths of a degree off on a hand and has wide sigmas, a
 # hand's is a degree off on a car, by several of its sigmas.
-MARGIN, SECOND_MARGIN = 0.5, 4.0
+MARGIN, SECOND_MARGIN = 0.5, 2.2
 UNSURE = 0.5
 # Limit of the margin, nat: beyond it the filter of the other model diverged.
 LARGEST_MARGIN = 1000.0
