@@ -39,6 +39,7 @@ from sinstool.methods.attitude_smoother.model import sensor_model
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import smooth
+from sinstool.methods.attitude_smoother.steady import with_steady
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, Grade
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
@@ -168,8 +169,10 @@ def smoothed(
     sensors = sensor_model(
         grade, walk_at_rest=start.walk, bias_known=start.rested, earth_removed=True
     )
-    epochs = confirmed(with_rest(stage.finish()), sensors)
+    marked = with_rest(stage.finish())
+    epochs = confirmed(marked, sensors)
     motion = find_motion(epochs, sensors)
+    epochs = with_steady(epochs, marked.rest, motion.model, sensors)
     correction = smooth(epochs, motion.model, sensors)
     return concatenate([correction.apply(solution) for solution in alone]), motion, epochs
 

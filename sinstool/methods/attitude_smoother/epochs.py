@@ -25,8 +25,8 @@ DV: Any
 DP: Any
 DV, DP = map(np.int64, (2, 5))
 GYRO, ACCEL, GYRO_VARIANCE, ACCEL_VARIANCE, COUNT = 20, 23, 26, 29, 32
-OWN_RATE, SWAY_RATE, SWAY_FORCE = 33, 34, 35
-WIDTH = 36
+OWN_RATE, SWAY_RATE, SWAY_FORCE, RATE_DOUBT = 33, 34, 35, 36
+WIDTH = 37
 # What an epoch is. It does not turn where it is quiet, nor accelerate where it is steady, nor move
 # at rest.
 MOVING, QUIET, STEADY, AT_REST = range(4)
@@ -51,7 +51,8 @@ class Epochs:
         integral of the squared rate (rad^2/s), seconds with a gyro at its stop, whether at rest
         (see `rest`); in body axes means and variances of rate against NED and specific force; how
         many samples; at rest, the variance of an axis' mean rate by its noise, and those of the
-        mean rate and the mean specific force from epoch to epoch.
+        mean rate and the mean specific force from epoch to epoch; where a rest is to be confirmed,
+        how far sway may have left the mean rate from the bias, as a variance.
     omega_in_n : ndarray, shape (3,)
         What the integration took for the rate of NED, rad/s.
     """

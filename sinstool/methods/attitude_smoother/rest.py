@@ -12,8 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import median_filter
 
-from sinstool.core.earth import EARTH_RATE
+from sinstool.core.earth import EARTH_RATE, SEMI_MAJOR_AXIS
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.epochs import (
@@ -26,14 +27,15 @@ from sinstool.methods.attitude_smoother.epochs import (
     MOVING,
     OWN_RATE,
     QUIET,
+    RATE_DOUBT,
     REST,
     STEADY,
     SWAY_FORCE,
     SWAY_RATE,
     Epochs,
 )
-from sinstool.methods.attitude_smoother.filter_step import DIVERGED
-from sinstool.methods.attitude_smoother.model import VEHICLE, SensorModel
+from sinstool.methods.attitude_smoother.filter_step import DIVERGED, SWAY_LASTS
+from sinstool.methods.attitude_smoother.model import FIRST_VELOCITY, VEHICLE, SensorModel
 from sinstool.methods.attitude_smoother.start import filtered
 from sinstool.methods.sensor_errors import LIKELY
 
@@ -50,6 +52,10 @@ SWAYS = 3.0**2
 # All of a rest sways where most of it does: by a fifth more than its noise explains, by three sigma
 # of what noise does in so many epochs, and by more than the correlated noise of sensors, rad/s.
 SWAYS_SLIGHTLY, QUIET_RATE = 1.2, 2e-4
+# The rate over so long is held against the bias: it shows bends that are slower than the sway.
+LONG_WINDOW = 100  # epochs
+# What travels turns with the vertical, rad/s.
+TRANSPORT_RATE = FIRST_VELOCITY / SEMI_MAJOR_AXIS
 # Shorter steady times are a lull of the motion, in which a slow acceleration may go on.
 LULL = 25  # epochs
 # A rest shorter than this share of the longest must have the same rate.
@@ -83,7 +89,7 @@ def with_rest(
     still = _still(epochs)
     for start_ns, end_ns in spans:
         still |= (epochs.time_ns[:-1] >= start_ns) & (epochs.time_ns[1:] <= end_ns) & ~epochs.gap
-    for begin, end in _runs(still):
+    for begin, end in runs(still):
         if moves is not None and moves(int(epochs.time_ns[begin]), int(epochs.time_ns[end])):
             still[begin:end] = False
     _note_sway(values, still)
@@ -115,52 +121,67 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     rows = epochs.values.copy()
     sway = rows[:, SWAY_RATE]
     # the median sway: the last epochs of a rest may sway more as motion begins
-    usual = np.median(sway[epochs.rest])
-    sensors = replace(sensors, zero_rate=np.sqrt(sensors.zero_rate**2 + usual))
-    _drop_short_turns(rows, epochs, sensors)
-    quiet = min(np.median(sway[begin:end]) for begin, end in _runs(epochs.rest))
+    usual = float(np.median(sway[epochs.rest]))
+    _drop_short_turns(rows, epochs, sensors, usual)
+    quiet = min(np.median(sway[begin:end]) for begin, end in runs(epochs.rest))
     own = rows[:, OWN_RATE]
     sways = epochs.rest & (sway > SWAYS * np.minimum(own, quiet))
-    for begin, end in _runs(epochs.rest):
+    for begin, end in runs(epochs.rest):
         slightly = max(SWAYS_SLIGHTLY, 1.0 + 3.0 * np.sqrt(2.0 / (3.0 * (end - begin))))
         noise = float(np.median(own[begin:end]))
-        usual = float(np.median(sway[begin:end]))
-        sways[begin:end] |= usual > max(slightly * noise, QUIET_RATE**2)
+        about = float(np.median(sway[begin:end]))
+        sways[begin:end] |= about > max(slightly * noise, QUIET_RATE**2)
     rows[sways & (rows[:, REST] > MOVING), REST] = STEADY
-    _drop_lulls(rows)
+    drop_lulls(rows)
     kinds = np.zeros(len(epochs))
-    if filtered(replace(epochs, values=rows), VEHICLE, sensors, tilt, kinds) == DIVERGED:
+    judged = replace(epochs, values=_long_medians(rows, epochs.rest, usual))
+    if filtered(judged, VEHICLE, sensors, tilt, kinds) == DIVERGED:
         return epochs
     denied = epochs.rest & (kinds == MOVING)
     near = np.convolve(denied, np.ones(2 * WINDOW + 1))[WINDOW:-WINDOW] > 0.0
     rows[:, REST] = np.where(near, MOVING, kinds)
-    _drop_lulls(rows)
+    drop_lulls(rows)
     return replace(epochs, values=rows)
 
 
-def _drop_lulls(rows: np.ndarray) -> None:
+def drop_lulls(rows: np.ndarray) -> None:
     """Mark steady epochs as quiet where they last for less than `LULL`."""
-    for begin, end in _runs(rows[:, REST] == STEADY):
+    for begin, end in runs(rows[:, REST] == STEADY):
         if end - begin < LULL:
             rows[begin:end, REST] = QUIET
 
 
-def _drop_short_turns(rows: np.ndarray, epochs: Epochs, sensors: SensorModel) -> None:
+def _long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> np.ndarray:
+    """The epochs, each at rest with the median rate of a long window about it, and its doubt.
+
+    Unlike a mean, a median is not moved by a turn that begins where a rest ends.
+    """
+    out = rows.copy()
+    for begin, end in runs(still):
+        wide = min(LONG_WINDOW, end - begin)
+        rate = slice(GYRO, GYRO + 3)
+        out[begin:end, rate] = median_filter(rows[begin:end, rate], wide, axes=0, mode="reflect")
+        out[begin:end, RATE_DOUBT] = usual * min(1.0, SWAY_LASTS / wide) + TRANSPORT_RATE**2
+    return out
+
+
+def _drop_short_turns(rows: np.ndarray, epochs: Epochs, sensors: SensorModel, usual: float) -> None:
     """Mark short rests as moving where their rate is not that of the longest: a slow turn."""
-    first, last = max(_runs(epochs.rest), key=lambda run: run[1] - run[0])
+    first, last = max(runs(epochs.rest), key=lambda run: run[1] - run[0])
     rate = rows[:, GYRO : GYRO + 3] - np.median(rows[first:last, GYRO : GYRO + 3], axis=0)
     at = epochs.time_ns[:-1]
     apart_s = np.maximum(np.maximum(at[first] - at, at - at[last - 1]), 0) / SECOND
-    unlike = LIKELY * np.hypot(sensors.zero_rate, sensors.bias_drift * apart_s) + EARTH_RATE
+    sway = sensors.zero_rate**2 + usual
+    unlike = LIKELY * np.sqrt(sway + (sensors.bias_drift * apart_s) ** 2) + EARTH_RATE
     other = epochs.rest & (np.linalg.norm(rate, axis=1) > unlike)
-    for begin, end in _runs(other):
+    for begin, end in runs(other):
         if end - begin < SHORT_SHARE * (last - first):
             rows[begin:end, REST] = MOVING
 
 
 def _note_sway(rows: np.ndarray, still: np.ndarray) -> None:
     """Set the variances of the means of epochs within their windows, and those due to noise."""
-    for begin, end in _runs(still):
+    for begin, end in runs(still):
         part = rows[begin:end]
         wide = min(WINDOW, len(part))
         for mean, sway in ((GYRO, SWAY_RATE), (ACCEL, SWAY_FORCE)):
@@ -171,12 +192,17 @@ def _note_sway(rows: np.ndarray, still: np.ndarray) -> None:
             part[:, sway] = _of_windows(square * wide / max(wide - 1, 1), len(part))
         own = part[:, GYRO_VARIANCE : GYRO_VARIANCE + 3].mean(axis=1)
         own /= np.maximum(part[:, COUNT], 1.0)
-        part[:, OWN_RATE] = _of_windows(_over_windows(own, wide), len(part))
+        part[:, OWN_RATE] = mean_over(own, wide)
 
 
 def _over_windows(column: np.ndarray, wide: int) -> np.ndarray:
     """Means over all windows of so many epochs."""
     return np.convolve(column, np.full(wide, 1.0 / wide), "valid")
+
+
+def mean_over(column: np.ndarray, wide: int) -> np.ndarray:
+    """Mean over the means of all windows of so many epochs that contain each epoch."""
+    return _of_windows(_over_windows(column, wide), len(column))
 
 
 def _of_windows(windows: np.ndarray, count: int) -> np.ndarray:
@@ -189,7 +215,7 @@ def _still(epochs: Epochs) -> np.ndarray:
     """Epochs of windows in which nothing seems to move."""
     rows, gap = epochs.values, epochs.gap
     still = np.zeros(len(rows), np.bool_)
-    for begin, end in _runs(~gap):
+    for begin, end in runs(~gap):
         # so many windows at a time, as each of their epochs is in memory once for every window
         for first in range(begin, end - WINDOW + 1, AT_ONCE):
             last = min(first + AT_ONCE + WINDOW - 1, end)
@@ -231,7 +257,7 @@ def _agreeing(rows: np.ndarray, still: np.ndarray) -> np.ndarray:
     return np.asarray(near & (np.abs(force - np.median(force[still])) < SAME_FORCE))
 
 
-def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+def runs(mask: np.ndarray) -> list[tuple[int, int]]:
     """Begin and end of each stretch of True."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
     return [(int(a), int(b)) for a, b in pairwise(edges.tolist())][::2]

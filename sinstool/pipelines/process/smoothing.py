@@ -33,6 +33,7 @@ from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
 from sinstool.methods.attitude_smoother.start import Prior
+from sinstool.methods.attitude_smoother.steady import with_steady
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
@@ -154,6 +155,7 @@ class Smoothing:
             sensors = replace(sensors, bias=min(sensors.bias, bias))
         chosen = self._config.navigation.motion
         motion_class = None if chosen == "auto" else chosen
+        looks_at_rest = epochs.rest
         epochs = confirmed(epochs, sensors, _first_tilt(alignment, sensors))
         motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
@@ -163,6 +165,7 @@ class Smoothing:
             _first_tilt(alignment, sensors),
             None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
         )
+        epochs = with_steady(epochs, looks_at_rest, motion.model, sensors, prior)
         correction = smooth(epochs, motion.model, sensors, prior)
         if self._magnetic is not None:
             north = self._magnetic.north(epochs, correction)

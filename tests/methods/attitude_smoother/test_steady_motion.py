@@ -1,5 +1,7 @@
 """What looks like rest and is none, and what the Earth's rate does at rest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,11 +9,17 @@ from sinstool.core.earth import earth_rate_n
 from sinstool.core.rotation import conjugate, exp, from_euler, log, multiply, rotate
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import SECOND
-from sinstool.methods.attitude_smoother.epochs import EpochStage
+from sinstool.methods.attitude_smoother.epochs import (
+    ACCEL_VARIANCE,
+    REST,
+    STEADY,
+    EpochStage,
+)
 from sinstool.methods.attitude_smoother.model import GRAVITY, HAND, VEHICLE, sensor_model
 from sinstool.methods.attitude_smoother.motion import find_motion
 from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import smooth
+from sinstool.methods.attitude_smoother.steady import with_steady
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.simulation.truth import sample_times, static
@@ -29,8 +37,10 @@ DT = 0.02
 LATITUDE = np.deg2rad(48.0)
 
 
-def ride(parts, sensors, seed):
+def ride(parts, sensors, seed, first_speed=0.0, sway=0.0):
     """A level ride, without a shake, of parts: seconds, acceleration ahead and rate of turn.
+
+    It sways by so many rad/s, about all axes, back and forth within 0.4 s.
 
     Returns the integrated solution of noisy samples without bias, and the true attitude.
     """
@@ -38,13 +48,15 @@ def ride(parts, sensors, seed):
     pull = np.repeat([a for _, a, _ in parts], count)
     turn = np.repeat([w for _, _, w in parts], count)
     n = len(pull)
-    speed = np.cumsum(pull) * DT
+    speed = first_speed + np.cumsum(pull) * DT
     zero = np.zeros(n)
     rate = np.stack([zero, zero, turn], axis=1)
     q0 = np.array([1.0, 0.0, 0.0, 0.0])
-    q = turned(q0, rate, DT)
     force = np.stack([pull, speed * turn, np.full(n, -GRAVITY)], axis=1)
     random = np.random.default_rng(seed)
+    swings = np.repeat(random.standard_normal((n // 10 + 1, 3)), 10, axis=0)
+    rate = rate + sway * np.where(np.arange(n + 10) % 20 < 10, 1.0, -1.0)[:n, None] * swings[:n]
+    q = turned(q0, rate, DT)
     noise = sensors.angle_random_walk / 3.0 / np.sqrt(DT)
     gyro = rate + noise * random.standard_normal((n, 3))
     felt = force + 0.02 * random.standard_normal((n, 3))
@@ -238,3 +250,98 @@ def test_braking_at_the_start_is_no_tilt():
     squares = np.einsum("ni,nij,nj->n", tilt, np.linalg.inv(level), tilt) / 2.0
     assert np.degrees(np.abs(tilt)).max() < 0.15
     assert squares.mean() < 1.5
+
+
+def of_part(parts, epochs):
+    """Index of the part of a ride that each epoch belongs to, -1 within two seconds of its ends."""
+    ends = np.cumsum([part[0] for part in parts])
+    at = epochs.time_ns[:-1] / SECOND
+    part = np.searchsorted(ends, at)
+    near = np.min(np.abs(at[:, None] - np.append(0.0, ends)), axis=1) < 2.0
+    return np.where(near, -1, part)
+
+
+def test_a_bend_slower_than_the_sway_is_no_rest():
+    # Five times the sway are more than its rate, but not of a mean over many epochs.
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=False, earth_removed=True)
+    parts = [(60, 0, 0), (240, 0, 0.004), (60, 0, 0)]
+    solution, _ = ride(parts, sensors, 4, first_speed=14.0, sway=1e-3)
+    epochs = with_rest(epochs_of(solution))
+    part = of_part(parts, epochs)
+    believed = confirmed(epochs, sensors)
+    believed = with_steady(believed, epochs.rest, VEHICLE, sensors)
+    assert np.mean(epochs.rest[part == 1]) > 0.5, "else this test shows nothing"
+    assert np.mean(believed.rest[part == 1]) < 0.05
+    assert np.mean(believed.rest[part == 2]) > 0.5 * np.mean(epochs.rest[part == 2])
+
+
+def test_straight_flight_before_and_after_a_turn_is_steady():
+    # The turn tilts the first pass by degrees, so that straight flight seems to accelerate.
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=False, earth_removed=True)
+    parts = [(80, 0, 0), (80, 0, 0.027), (60, 0, 0), (40, 0.2, 0), (80, 0, 0), (80, 0, -0.03),
+             (100, 0, 0)]  # fmt: skip
+    solution, q_true = ride(parts, sensors, 5, first_speed=60.0, sway=5e-4)
+    marked = with_rest(epochs_of(solution))
+    part = of_part(parts, marked)
+    straight = np.isin(part, (0, 2, 4, 6))
+    before = confirmed(marked, sensors)
+    model = VEHICLE.with_density(8.0)
+    after = with_steady(before, marked.rest, model, sensors)
+    assert np.mean(before.values[straight, REST] == STEADY) < 0.8, "else this test shows nothing"
+    assert np.mean(after.values[straight, REST] == STEADY) > 0.9
+    assert not np.any(after.values[part == 3, REST] == STEADY)
+    # it agrees with the tilt as the rest of the log has it
+    known = []
+    for epochs in (before, after):
+        found = smooth(epochs, model, sensors).apply(solution)
+        tilt, _ = tilt_error(q_true, found.q_nb)
+        sigma = np.sqrt(np.einsum("nii->ni", found.covariance_attitude_n))[:, :2]
+        assert np.all(np.abs(tilt) < 4.0 * sigma)
+        known.append(sigma.mean())
+    assert np.degrees(np.abs(tilt)).max() < 0.2
+    assert known[1] < 0.9 * known[0]
+
+
+def test_what_is_a_hands_is_not_made_steady():
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=False, earth_removed=True)
+    solution, _ = ride([(60, 0, 0)], sensors, 5, first_speed=60.0, sway=5e-4)
+    marked = with_rest(epochs_of(solution))
+    before = confirmed(marked, sensors)
+    assert with_steady(before, marked.rest, HAND, sensors) is before
+
+
+def test_gentle_braking_is_not_steady():
+    # While it brakes, the tilt of a MEMS gyro's first pass follows.
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=True, earth_removed=True)
+    stage = [(25, 0.4, 0), (15, 0, 0), (10, 0, 0.1), (25, -0.4, 0), (10, 0, 0)]
+    parts = [(10, 0, 0), *3 * stage]
+    solution, q_true = ride(parts, sensors, 5, sway=1e-3)
+    marked = with_rest(epochs_of(solution))
+    pulled = np.isin(of_part(parts, marked), [k for k, part in enumerate(parts) if part[1]])
+    before = confirmed(marked, sensors)
+    assert np.mean(before.values[pulled, REST] >= STEADY) > 0.05, "else this test shows nothing"
+    after = with_steady(before, marked.rest, VEHICLE, sensors)
+    assert np.mean(after.values[pulled, REST] >= STEADY) < 0.02
+    found = smooth(after, VEHICLE, sensors).apply(solution)
+    tilt, _ = tilt_error(q_true, found.q_nb)
+    sigma = np.sqrt(np.einsum("nii->ni", found.covariance_attitude_n))[:, :2]
+    assert np.sqrt(np.mean((tilt / sigma) ** 2)) < 1.2
+
+
+def test_a_lull_of_some_seconds_is_no_stop():
+    # Calm for four seconds at 12 m/s, in which a velocity of zero would be a false acceleration.
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=False, earth_removed=True)
+    driving = [(2, 1.5, 0.1), (2, -1.5, -0.1)]
+    parts = [*10 * driving, (4, 0, 0), *30 * driving]
+    solution, _ = ride(parts, sensors, 6, first_speed=12.0)
+    marked = with_rest(epochs_of(solution))
+    before = confirmed(marked, sensors)
+    assert before.at_rest.any(), "else this test shows nothing"
+    after = with_steady(before, marked.rest, VEHICLE, sensors)
+    assert not after.at_rest.any()
+    assert np.array_equal(after.rest, before.rest)
+    # at a stop it shakes less
+    calm = before.values.copy()
+    calm[marked.rest, ACCEL_VARIANCE : ACCEL_VARIANCE + 3] *= 0.1
+    stops = with_steady(replace(before, values=calm), marked.rest, VEHICLE, sensors)
+    assert np.array_equal(stops.at_rest, before.at_rest)

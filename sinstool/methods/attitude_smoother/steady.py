@@ -1,0 +1,135 @@
+"""Steady travel of a vehicle, held against an attitude that was smoothed without it.
+
+What confirms a rest knows the past alone. A single turn can leave its tilt so far off that straight
+flight looks like an acceleration, and while a tilt follows gentle braking that looks like none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.core.rotation import to_dcm
+from sinstool.methods.attitude_smoother.epochs import (
+    ACCEL_VARIANCE,
+    AT_REST,
+    DURATION,
+    DV,
+    GYRO,
+    JB,
+    QUIET,
+    REST,
+    STEADY,
+    SWAY_FORCE,
+    SWAY_RATE,
+    Epochs,
+)
+from sinstool.methods.attitude_smoother.filter_step import ACCELERATES, DENIED, SWAY_LASTS
+from sinstool.methods.attitude_smoother.model import GRAVITY, MotionModel, SensorModel
+from sinstool.methods.attitude_smoother.rest import (
+    LONG_WINDOW,
+    LULL,
+    TRANSPORT_RATE,
+    drop_lulls,
+    mean_over,
+    runs,
+)
+from sinstool.methods.attitude_smoother.smoother import NO_PRIOR, Correction, smooth
+from sinstool.methods.attitude_smoother.start import Prior
+
+# A stop shakes by less than this share of the variance of specific force in motion.
+CALM = 0.25
+# The first smoothed attitude knows nothing of steady travel, the second what agrees with the first.
+# A bias of the accelerometers above this, m/s^2, hides too much for a second.
+GOOD_ACCEL_BIAS = 0.02
+# A tilt less certain than this, as level specific force, leaves room for an acceleration, m/s^2.
+KNOWN_TILT = 0.1
+
+
+def with_steady(
+    epochs: Epochs,
+    looks_at_rest: np.ndarray,
+    motion: MotionModel,
+    sensors: SensorModel,
+    prior: Prior = NO_PRIOR,
+) -> Epochs:
+    """The epochs of a vehicle, with steady ones marked anew.
+
+    Parameters
+    ----------
+    epochs : Epochs
+        With those rests marked that a filter confirmed.
+    looks_at_rest : ndarray of bool, shape (n,)
+        Which looked like rest before.
+    motion : MotionModel
+        A hand's is never steady.
+    sensors : SensorModel
+    prior : Prior, optional
+
+    Returns
+    -------
+    Epochs
+        Steady are those that looked like rest for `LULL` on end, where the smoothed tilt is known
+        and their mean specific force and rate are those of gravity and of the bias. A rest that is
+        shorter, and in which the vehicle shakes as in motion, may be a lull: it only shows the
+        bias.
+    """
+    kinds = epochs.values[:, REST]
+    shake = epochs.values[:, ACCEL_VARIANCE : ACCEL_VARIANCE + 3].sum(axis=1)
+    moving = shake[~looks_at_rest & ~epochs.gap]
+    calm = CALM * float(np.median(moving)) if len(moving) else np.inf
+    short = np.zeros(len(kinds), np.bool_)
+    for begin, end in runs(looks_at_rest):
+        rest = begin + np.flatnonzero(kinds[begin:end] == AT_REST)
+        short[rest] = 0 < len(rest) < LULL and float(np.median(shake[rest])) > calm
+    doubted = looks_at_rest & ((kinds < AT_REST) | short)
+    long = any(end - begin >= LULL for begin, end in runs(doubted))
+    if motion.c0 or not (long or short.any()):
+        return epochs
+    values = epochs.values.copy()
+    values[short | (kinds == STEADY), REST] = QUIET
+    alone = values[:, REST].copy()
+    rounds = 2 if sensors.accel_bias < GOOD_ACCEL_BIAS else 1
+    for _ in range(rounds if long else 0):
+        smoothed = smooth(replace(epochs, values=values), motion, sensors, prior)
+        agrees = _agrees(epochs, looks_at_rest, sensors, smoothed)
+        values = values.copy()
+        values[:, REST] = np.where(doubted & agrees, STEADY, alone)
+        drop_lulls(values)
+    return replace(epochs, values=values)
+
+
+def _agrees(
+    epochs: Epochs, still: np.ndarray, sensors: SensorModel, smoothed: Correction
+) -> np.ndarray:
+    """Where force and rate, as means over a window, are those of steady travel, shape (n,)."""
+    rows, bias = epochs.values, smoothed.gyro_bias[:-1]
+    seconds = rows[:, DURATION, None]
+    matrix = to_dcm(smoothed.q[:-1])
+    turned = rows[:, JB : JB + 9].reshape(-1, 3, 3)
+    # the bias has turned the axes by half of what it does over all of the epoch, in the mean
+    gained = rows[:, DV : DV + 3]
+    gained = gained - 0.5 * np.cross(np.einsum("nij,nj->ni", turned, bias), gained)
+    force = np.einsum("nij,nj->ni", matrix, gained)[:, :2] / seconds
+    # the Earth's rate, which the integration took off in its own axes
+    earth = (np.einsum("nji,j->ni", matrix, epochs.omega_in_n) - epochs.omega_in_n) / seconds
+    rate = rows[:, GYRO : GYRO + 3] - np.einsum("nji,nj->ni", turned, earth) - bias
+    variance = np.einsum("nii->ni", smoothed.covariance_n)[:-1]
+    tilted = GRAVITY**2 * variance[:, [1, 0]]
+    agrees = np.zeros(len(rows), np.bool_)
+    for begin, end in runs(still):
+        part = slice(begin, end)
+        wide = min(LONG_WINDOW, end - begin)
+        lasts = min(1.0, SWAY_LASTS / wide)
+        level = tilted[part] + sensors.accel_bias**2 + lasts * rows[part, SWAY_FORCE, None]
+        steady = smoothed.gyro_bias_sigma[begin:end] ** 2 + sensors.zero_rate**2 + TRANSPORT_RATE**2
+        steady += lasts * rows[part, SWAY_RATE, None]
+        pulled = np.stack([mean_over(axis, wide) for axis in force[part].T], axis=1)
+        turns = np.stack([mean_over(axis, wide) for axis in rate[part].T], axis=1)
+        agrees[part] = (
+            np.all(pulled**2 < ACCELERATES * level, axis=1)
+            & np.all(tilted[part] < KNOWN_TILT**2, axis=1)
+            & np.all(turns**2 < DENIED * steady, axis=1)
+        )
+    return agrees
