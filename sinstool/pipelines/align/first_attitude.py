@@ -9,6 +9,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
+from sinstool.core.arrays import IntArray
 from sinstool.core.choices import log_choice
 from sinstool.core.earth import EARTH_RATE, earth_rate_n
 from sinstool.core.errors import AlignmentError
@@ -148,6 +149,7 @@ def in_flight(
     method: str,
     gnss: GnssEpochs | None = None,
     time_ns: int | None = None,
+    later_ns: IntArray | None = None,
 ) -> Alignment:
     """Attitude from GNSS velocity, carried back.
 
@@ -156,6 +158,7 @@ def in_flight(
     gnss : GnssEpochs, optional
         Instead of those of the log.
     time_ns : int, optional
+    later_ns : ndarray of int64, shape (n,), optional
         See :func:`_from_motion`.
 
     Raises
@@ -174,11 +177,15 @@ def in_flight(
             f"{source.path}: --align {method}: {result.status}: {reasons}",
             "choose another span with --align-start and --align-end, or another --align",
         )
-    return _from_motion(moving, source, config, time_ns)
+    return _from_motion(moving, source, config, time_ns, later_ns)
 
 
 def _from_motion(
-    moving: MotionAlignment, source: Source, config: ProcessConfig, time_ns: int | None = None
+    moving: MotionAlignment,
+    source: Source,
+    config: ProcessConfig,
+    time_ns: int | None = None,
+    later_ns: IntArray | None = None,
 ) -> Alignment:
     """An alignment in motion as a first attitude.
 
@@ -187,11 +194,19 @@ def _from_motion(
     time_ns : int, optional
         To which it is carried back for a filter, unless the samples have a gap on the way or the
         gyros are not good enough; by default the first sample, however far.
+    later_ns : ndarray of int64, shape (n,), optional
+        Times to the first of which it is carried on then, those of fixes.
     """
     result = moving.result
     begin_ns = source.survey.first_ns if time_ns is None else time_ns
     limit = np.inf if time_ns is None else FILTER_SIGMA
-    time_ns, q_nb, covariance = _carried_back(moving, source, config, begin_ns, limit)
+    reached = _carried_back(moving, source, config, begin_ns, limit)
+    if reached[0] != begin_ns and later_ns is not None:
+        # Where it holds from, fixes may be missing still
+        after = later_ns[(later_ns >= result.t_ns) & (later_ns <= result.t_stop_ns)]
+        if len(after):
+            reached = _carried_back(moving, source, config, int(after[0]), limit)
+    time_ns, q_nb, covariance = reached
     bias, source_of_bias = moving.gyro_bias, "rest" if moving.gyro_bias.any() else "none"
     bias_sigma = None
     if result.errors is not None and config.align.gyro_bias == "still":

@@ -64,9 +64,11 @@ def find_start(
     try:
         method: str = "svd" if config.align.align == "auto" else config.align.align
         if method in IN_FLIGHT:
-            valid = gnss.time_ns[gnss.has_position] - round(settings.gnss_latency * SECOND)
+            late = round(settings.gnss_latency * SECOND)
+            valid = gnss.time_ns[gnss.has_position] - late
             first = _sample(source, config, int(valid[0]) if len(valid) else 0)
-            alignment = in_flight(source, config, method, shown, int(first.time_ns[0]))
+            whole = gnss.time_ns[gnss.has_position & gnss.has_velocity] - late
+            alignment = in_flight(source, config, method, shown, int(first.time_ns[0]), whole)
         else:
             alignment = align(source, config)
             if alignment.bias_source == "none" and config.align.gyro_bias == "still":

@@ -62,6 +62,19 @@ def test_fixes_that_return_after_the_imu_show_the_attitude_after_a_gap(tmp_path)
 
 
 @pytest.mark.slow
+def test_the_only_attitude_of_a_log_may_hold_before_fixes_return(tmp_path):
+    """Refused before, as no fix lay within 2 s of where the attitude held."""
+    truth = drive(seed=7, duration=300.0, rest=120.0)
+    data = record(truth, GRADES["tactical"], 7, gnss_rate=2.0, sigma=0.3)
+    data = without_fixes(without_samples(data, 102.0, 41.0), [(83.0, 199.0)])
+    answer, status, note = process(write(tmp_path / "log.mcap", data), truth, [])
+    assert answer is not None, note
+    error, sigmas = level(answer)
+    late = answer.seconds > 205.0
+    assert late.sum() > 500 and error[late].max() < 3.0 and sigmas[late].max() < 4.0
+
+
+@pytest.mark.slow
 def test_innovations_refute_a_grade_that_quiet_gyros_suggest(tmp_path, sinstool):
     """An industrial Imu that never rests has a tactical one's white noise: 468 m off before."""
     truth = flight(seed=2, duration=300.0)
