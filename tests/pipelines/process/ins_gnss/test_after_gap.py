@@ -67,7 +67,7 @@ def test_the_only_attitude_of_a_log_may_hold_before_fixes_return(tmp_path):
     truth = drive(seed=7, duration=300.0, rest=120.0)
     data = record(truth, GRADES["tactical"], 7, gnss_rate=2.0, sigma=0.3)
     data = without_fixes(without_samples(data, 102.0, 41.0), [(83.0, 199.0)])
-    answer, status, note = process(write(tmp_path / "log.mcap", data), truth, [])
+    answer, _, note = process(write(tmp_path / "log.mcap", data), truth, [])
     assert answer is not None, note
     error, sigmas = level(answer)
     late = answer.seconds > 205.0
