@@ -22,7 +22,7 @@ TWICE_USED = 1.5
 """On the sigmas of an alignment in motion: it uses fixes that the filter is going to use again."""
 
 # Fixes further from the start than this say nothing of it, s.
-_NEAR_S = 2.0
+NEAR_S = 2.0
 
 
 def start_at(
@@ -138,16 +138,16 @@ def _around(
     k = int(np.searchsorted(times, time_ns, side="right"))
     left, right = max(k - 1, 0), min(k, len(rows) - 1)
     if len(rows) == 0 or min(abs(int(times[left]) - time_ns), abs(int(times[right]) - time_ns)) > (
-        _NEAR_S * 1e9
+        NEAR_S * 1e9
     ):
         raise AlignmentError(
-            f"no GNSS {what} within {_NEAR_S:g} s of the start",
+            f"no GNSS {what} within {NEAR_S:g} s of the start",
             "use --start to begin where there are fixes, or leave --align out",
         )
     span = int(times[right] - times[left])
     share = float(np.clip((time_ns - int(times[left])) / span, 0.0, 1.0)) if span else 0.0
     inside = int(times[left]) <= time_ns <= int(times[right])
-    if inside and span < 2.0 * _NEAR_S * 1e9:
+    if inside and span < 2.0 * NEAR_S * 1e9:
         # between two fixes the velocity is off by the bend alone
         apart = 0.1 * share * (1.0 - share) * span * 1e-9
     else:

@@ -19,6 +19,7 @@ from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment, tilted
+from sinstool.methods.ins_gnss.start import NEAR_S
 from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.rest import longest_rest
@@ -195,14 +196,15 @@ def _from_motion(
         To which it is carried back for a filter, unless the samples have a gap on the way or the
         gyros are not good enough; by default the first sample, however far.
     later_ns : ndarray of int64, shape (n,), optional
-        Times to the first of which it is carried on then, those of fixes.
+        Times of fixes, to the first of which it is carried on where none is near enough to start
+        a filter from.
     """
     result = moving.result
     begin_ns = source.survey.first_ns if time_ns is None else time_ns
     limit = np.inf if time_ns is None else FILTER_SIGMA
     reached = _carried_back(moving, source, config, begin_ns, limit)
-    if reached[0] != begin_ns and later_ns is not None:
-        # Where it holds from, fixes may be missing still
+    if later_ns is not None and not (np.abs(later_ns - reached[0]) <= NEAR_S * SECOND).any():
+        # Where it holds from, fixes are missing still
         after = later_ns[(later_ns >= result.t_ns) & (later_ns <= result.t_stop_ns)]
         if len(after):
             reached = _carried_back(moving, source, config, int(after[0]), limit)

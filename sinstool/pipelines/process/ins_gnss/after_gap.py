@@ -30,6 +30,8 @@ from sinstool.survey.source import Source, part_of
 
 # A heading less certain than this after a gap, rad (1 sigma), is found anew.
 LEAST_LOST = 1.0
+# Fixes so long before a gap's end are used for the start after it.
+JUST_BEFORE_NS = 5 * SECOND
 # After a gap, so much of the log is searched for a start.
 SEARCHED_NS = 600 * SECOND
 
@@ -101,9 +103,9 @@ def start_after_gap(
     )
     try:
         part = part_of(source, config, begin_ns, begin_ns + SEARCHED_NS)
-        # Fixes may return long after the Imu does
+        # Fixes may return long after the Imu does; those just before show velocities at its end
         valid_ns = first.used.time_ns - round(first.settings.gnss_latency * SECOND)
-        after = first.used.rows(valid_ns >= begin_ns)
+        after = first.used.rows(valid_ns >= begin_ns - JUST_BEFORE_NS)
         start, time_ns, how, _ = find_start(part, here, first.settings, after)
     except (AlignmentError, DataError) as exc:
         log_choice("start after a gap", f"none found: {exc}")
