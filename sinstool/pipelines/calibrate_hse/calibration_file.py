@@ -10,6 +10,7 @@ import json
 import math
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from typing import Any
 
@@ -134,7 +135,9 @@ def _check(cal: HseCalibration, data: Mapping[str, Any]) -> None:
         if value is None or not isinstance(written, int | float):
             same = written is value
         else:
-            same = math.isclose(written, value, rel_tol=1e-9, abs_tol=1e-300)
+            same = False
+            with suppress(OverflowError):  # a whole number beyond all floats
+                same = math.isclose(written, value, rel_tol=1e-9, abs_tol=1e-300)
         if not same:
             raise ConfigurationError(
                 f"the calibration's {key} ({written}) contradicts its radians ({value})",

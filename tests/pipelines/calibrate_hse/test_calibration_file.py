@@ -174,6 +174,7 @@ def test_every_key_is_needed_and_has_its_type():
         (("schema",), "sinstool.hse/2", "'sinstool.hse/2', this program reads 'sinstool.hse/1'"),
         (("sign", "apply"), "psi=psi_hat+dpsi", "sign convention"),
         (("lambda2_arcsec",), 4.2, "contradicts"),
+        (("lambda2_arcsec",), 10**400, "contradicts"),
         (("eps_sum_rad",), 2e-5, "contradicts"),
         (("K_HSE_arcsec_per_rad_s",), None, "contradicts"),
         (("fit", "dof"), 7.5, "fit.dof is 7.5: it should be a valid int"),
