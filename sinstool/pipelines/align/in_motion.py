@@ -184,7 +184,13 @@ def _interval_ns(source: Source) -> float:
 
 
 def imu_noise(config: ProcessConfig, grade: Grade, scale_states: bool = False) -> SensorGrade:
-    """Noise of a grade, overridden by a noise file or by options, for a filter with such states."""
+    """Noise of a grade, overridden by a noise file or by options.
+
+    Parameters
+    ----------
+    scale_states : bool, optional
+        See :func:`~sinstool.methods.allan.coefficients.as_measured`.
+    """
     options, noise, measured = config.in_flight, IMU_GRADES[grade], measured_noise(config)
     if measured is not None:
         noise = as_measured(measured, noise, scale_states)
