@@ -372,12 +372,12 @@ def _likeliest(cost: Callable[[float, float, float], float]) -> tuple[float, flo
         both = total(middle + axes[i] + axes[j]) + total(middle - axes[i] - axes[j])
         apart = total(middle + axes[i] - axes[j]) + total(middle - axes[i] + axes[j])
         bend[i, j] = bend[j, i] = 0.25 * (both - apart)
-    if np.linalg.eigvalsh(bend)[0] <= 0.0:
-        powers = best.astype(float)
-    else:
-        inverse = np.linalg.inv(bend)
-        powers = middle + np.clip(-inverse @ slope, -1.0, 1.0)
-        # The root of the mean of a square whose logarithm is that uncertain
-        powers = powers + 2.0 * np.log(2.0) * np.diag(inverse)
+    # What the drift says is never less than nothing: the prior's own curvature remains
+    values, vectors = np.linalg.eigh(bend)
+    values = np.maximum(values, 2.0 * (np.log(2.0) / PRIOR_SIGMA) ** 2)
+    inverse = (vectors / values) @ vectors.T
+    powers = middle + np.clip(-inverse @ slope, -1.0, 1.0)
+    # The root of the mean of a square whose logarithm is that uncertain
+    powers = powers + 2.0 * np.log(2.0) * np.diag(inverse)
     gyro, accel, scale = 2.0 ** np.clip(powers, LEAST_POWERS, MOST_POWERS)
     return float(gyro), float(accel), float(scale)

@@ -47,6 +47,17 @@ def test_without_anything_seen_the_grade_counts():
     assert _likeliest(lambda g, a, s: 0.0) == pytest.approx((1.0, 1.0, 1.0))
 
 
+def test_where_a_drift_bends_less_than_a_line_the_prior_bounds_the_factors():
+    """Accelerometers and their scale factors can stand in for each other in a narrow valley."""
+
+    def cost(gyro, accel, scale):
+        both, either = np.log2(accel * scale), np.log2(accel / scale)
+        return 4.0 * both**2 - 0.22 * either**2 + np.log2(gyro) ** 2
+
+    _, accel, scale = _likeliest(cost)
+    assert max(accel, scale) < 2.0
+
+
 @pytest.mark.parametrize(
     "factors, text",
     [
