@@ -1,8 +1,10 @@
 """What rest, wheels and an axle that cannot slide are worth on recorded drives.
 
 Fixes are withheld in outages that begin at many places, and the product's own filter and smoother
-are scored against them, with everything found from what is left of the log. Nothing is set by hand
-but the axes of the log. The logs are not part of the project; see `--data`.
+are scored against them, with everything found from what is left of the log. Printed are the largest
+horizontal errors, and errors over sigma: the largest of each outage on any axis, and those of all
+axes at all fixes, as root mean squares. Nothing is set by hand but the axes of the log. The logs
+are not part of the project; see `--data`.
 
 python benchmarks/land_vehicles.py --data ../shared/data --log rtk --beginnings 15
 python benchmarks/land_vehicles.py --data ../shared/data --log stop-go --lengths 15 60
@@ -35,21 +37,24 @@ FIRST = {15: 40.0, 30: 60.0, 60: 100.0}
 
 @dataclass(frozen=True)
 class Outages:
-    """Largest horizontal errors of outages, m and in sigmas."""
+    """Largest horizontal errors of outages, m, and errors in sigmas: the largest, and all."""
 
     metres: list[float]
     sigmas: list[float]
+    all_sigmas: list[float]
 
     def add(self, score: WithheldScore) -> None:
         """Those of a run."""
         self.metres.extend(outage.largest_horizontal_m for outage in score.outages)
         self.sigmas.extend(outage.largest_in_sigmas for outage in score.outages)
+        self.all_sigmas.extend(outage.rms_in_sigmas for outage in score.outages)
 
     def __str__(self) -> str:
-        metres, sigmas = np.array(self.metres), np.array(self.sigmas)
+        metres = np.array(self.metres)
+        largest, every = (np.sqrt(np.mean(np.square(x))) for x in (self.sigmas, self.all_sigmas))
         return (
             f"{np.sqrt(np.mean(metres**2)):8.2f} {np.median(metres):8.2f} {metres.max():8.2f}"
-            f" {np.sqrt(np.mean(sigmas**2)):6.2f}"
+            f" {largest:6.2f} {every:6.2f}"
         )
 
 
@@ -84,12 +89,13 @@ def outages(
     path = data / LOGS[log]
     end = duration(path) - 5.0
     print(f"{log}: {beginnings} beginnings; largest horizontal error of each outage")
-    print(f"{'':12s} {'':9s} {'':5s} {'rms m':>8s} {'median':>8s} {'largest':>8s} {'/sigma':>6s}")
+    heads = f"{'rms m':>8s} {'median':>8s} {'largest':>8s} {'/sigma':>6s} {'all':>6s}"
+    print(f"{'':12s} {'':9s} {'':5s} {heads}")
     for length in lengths:
         period = length + APART[length]
         firsts = FIRST[length] + period * np.arange(beginnings) / beginnings
         for vehicle in vehicles:
-            scores = {"filter": Outages([], []), "smoother": Outages([], [])}
+            scores = {name: Outages([], [], []) for name in ("filter", "smoother")}
             for first in firsts:
                 begins = np.arange(first, end - length, period)
                 if not len(begins):

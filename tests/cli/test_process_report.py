@@ -14,6 +14,7 @@ OUTAGE = Outage(
     largest_horizontal_m=3.5,
     largest_vertical_m=2.5,
     largest_in_sigmas=1.5,
+    rms_in_sigmas=0.8,
 )
 STRETCH = TurntableStretch(
     start_ns=T0 + 500_000_000,
@@ -51,6 +52,7 @@ def test_withheld_fixes():
             ("largest horizontal, m", 3.5),
             ("largest vertical, m", 2.5),
             ("largest on an axis, sigma", 1.5),
+            ("rms of all axes, sigma", 0.8),
         ]
     ]
     assert process_report._withheld(SimpleNamespace(filter=None)) is None

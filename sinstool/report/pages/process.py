@@ -191,6 +191,7 @@ def _withheld(result: ProcessResult) -> Table | None:
         "largest_horizontal_m": Column("largest horizontal", "m", ".3g"),
         "largest_vertical_m": Column("largest vertical", "m", ".3g"),
         "largest_in_sigmas": Column("largest on an axis", "sigma", ".2f"),
+        "rms_in_sigmas": Column("rms of all axes", "sigma", ".2f"),
     }
     note = "Navigation minus the withheld fixes; includes their own noise."
     return _by_start("Withheld fixes", "Outage", result, scores.outages, columns, (note,))

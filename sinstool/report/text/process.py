@@ -239,10 +239,12 @@ def _withheld(scores: summary.WithheldScores | None) -> list[Row]:
         return []
     outages = scores.outages
     most = max(o.largest_in_sigmas for o in outages)
+    squares = sum(o.epochs * o.rms_in_sigmas**2 for o in outages)
+    in_sigmas = (squares / sum(o.epochs for o in outages)) ** 0.5
     rms = scores.rms_of_largest_horizontal_m
     text = (
-        f"{len(outages)} outages: largest horizontal errors {rms:.3g} m rms, at most {most:.1f}"
-        " sigma on an axis"
+        f"{len(outages)} outages: largest horizontal errors {rms:.3g} m rms; errors over sigma"
+        f" {in_sigmas:.2f} rms, at most {most:.1f} on an axis"
     )
     if scores.filter is not None:
         text += f"; unsmoothed {scores.filter.rms_of_largest_horizontal_m:.3g} m rms"

@@ -68,6 +68,9 @@ def test_errors_of_two_outages(block):
         assert one.largest_horizontal_m == pytest.approx(horizontal, abs=1e-3)
         assert one.largest_vertical_m == pytest.approx(np.abs(off[part, 2]).max(), abs=1e-3)
         assert one.largest_in_sigmas == pytest.approx((np.abs(off[part]) / sigma).max(), rel=1e-3)
+        assert one.rms_in_sigmas == pytest.approx(
+            np.sqrt(np.mean((off[part] / sigma) ** 2)), rel=1e-3
+        )
     largest = [one.largest_horizontal_m for one in score.outages]
     assert score.rms_of_largest_horizontal_m == pytest.approx(np.sqrt(np.mean(np.square(largest))))
 
