@@ -9,17 +9,20 @@ none of them. The log goes through the whole command. A *miss* is a log whose so
 
 Printed are the worst by error over sigma, at the end and anywhere, with all that was random about
 them; --only makes and shows one seed again. With --others it hunts among boats, walks and
-multicopters instead.
+multicopters instead, or among the kinds that follow it: motorcycles, trains, tractors, gliders,
+helicopters.
 
 python benchmarks/divergence_hunt.py --logs 500 --jobs 2
 python benchmarks/divergence_hunt.py --only 17
 python benchmarks/divergence_hunt.py --right --logs 100
+python benchmarks/divergence_hunt.py --others motorcycle train tractor glider helicopter --logs 100
 """
 
 from __future__ import annotations
 
 import tempfile
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -47,9 +50,11 @@ from tests.helpers.unseen_drives import (
     without_samples,
     write,
 )
+from tests.helpers.unseen_vehicles import VEHICLES
 
 SENSORS = {**GRADES, "consumer": sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)}
-OTHERS = {"boat": boat, "walk": walk, "multicopter": multicopter}
+USUAL_OTHERS = ("boat", "walk", "multicopter")
+OTHERS = {"boat": boat, "walk": walk, "multicopter": multicopter, **VEHICLES}
 FAR_M, FAR_SIGMAS = 100.0, 10.0
 WORST = 10
 
@@ -90,11 +95,11 @@ class Outcome:
         return self.status == 0 and self.most_m > FAR_M and self.most_sigmas > FAR_SIGMAS
 
 
-def trajectory(random: np.random.Generator, others: bool) -> tuple[str, Motion]:
+def trajectory(random: np.random.Generator, others: Sequence[str]) -> tuple[str, Motion]:
     """A random one, of 4 to 10 minutes."""
     duration, seed = float(random.integers(240, 600)), int(random.integers(1 << 30))
     if others:
-        name = str(random.choice(list(OTHERS)))
+        name = str(random.choice(list(others)))
         return f"{name} {duration:.0f} s", OTHERS[name](seed, duration)
     kind = random.choice(["drive", "flight", "turbulent"], p=[0.6, 0.2, 0.2])
     if kind == "drive":
@@ -170,7 +175,7 @@ def harmless(words: list[str]) -> list[str]:
     return [*words[k : k + 2], *smooth]
 
 
-def hunted(seed: int, right: bool = False, others: bool = False) -> Outcome:
+def hunted(seed: int, right: bool = False, others: Sequence[str] = ()) -> Outcome:
     """One log through the command, with random options, or without those that may be wrong."""
     random = np.random.default_rng([seed, 77])
     moving, truth = trajectory(random, others)
@@ -197,10 +202,11 @@ def main() -> None:
     options = parser(__doc__, logs=500, first=1, jobs=2)
     options.add_argument("--right", action="store_true", help="no options that are wrong")
     options.add_argument("--only", type=int, help="this seed alone")
-    options.add_argument("--others", action="store_true", help="boats, walks and multicopters")
+    options.add_argument("--others", nargs="*", choices=OTHERS, help="vehicles of other kinds")
     args = options.parse_args()
+    others = () if args.others is None else args.others or USUAL_OTHERS
     seeds = range(args.first, args.first + args.logs) if args.only is None else [args.only]
-    outcomes = over_seeds(partial(hunted, right=args.right, others=args.others), seeds, args.jobs)
+    outcomes = over_seeds(partial(hunted, right=args.right, others=others), seeds, args.jobs)
     status = Counter(outcome.status for outcome in outcomes)
     solved = [outcome for outcome in outcomes if np.isfinite(outcome.end_m)]
     print(

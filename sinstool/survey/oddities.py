@@ -19,6 +19,7 @@ from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
 from sinstool.survey.imu import Survey
 from sinstool.survey.unit_evidence import (
+    LEAST_MISFIT,
     accel_looks_like_g,
     degrees_look_like_radians,
     gyro_looks_like_degrees,
@@ -65,16 +66,17 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if options.gyro_unit == "deg/s":
         yield from _degrees(s)
     elif gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
-        if s.gyro_unit.tipped_rad > 0.0:
-            reason = (
-                f"in rad/s its rates would tip it by {s.gyro_unit.tipped_rad / DEGREE:.0f} deg"
-                " within a minute, while its specific force stays on one of its axes"
-            )
-        elif turns_like_degrees(s.gyro_unit):
+        if turns_like_degrees(s.gyro_unit):
             reason = (
                 "gravity turns in the body as if its rates were in deg/s"
                 f" ({s.gyro_unit.scale:.2f} of what they then say; it would be 57 for rad/s)"
             )
+            if s.gyro_unit.misfit_radians > LEAST_MISFIT:
+                reason = (
+                    "in axes that do not turn the mean specific force of twenty seconds is"
+                    f" {s.gyro_unit.misfit_radians:.0%} off the size of gravity if its rates are"
+                    f" in rad/s, and {s.gyro_unit.misfit_degrees:.1%} if they are in deg/s"
+                )
         else:
             reason = f"its rates reach {s.gyro_max.max():.0f}, too much for rad/s"
         if options.gyro_unit is None:

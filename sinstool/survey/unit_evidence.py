@@ -7,29 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core import rotation
-from sinstool.core.arrays import FloatArray
-from sinstool.core.units import DEGREE
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.alignment.still import WINDOW_NS, Windows
 
 # Two readings of the gyro are distinguished where they predict tilts that differ by this much.
 TELLING_RAD = 0.1
 TELLING_WINDOWS = 10
 TELLING_SHARE = 0.6
-# Directions within some six degrees of their mean, or eighteen in rough air; sizes that vary by
-# more than a road makes them.
-HELD = 0.99
-NEARLY_HELD = 0.95
-VARIES = 0.05
-# Vehicles whose specific force is held so stay upright: within a minute they lean by less than the
-# first angle from how they mostly stand, and what rates tip beyond the second would have rolled
-# over. Sizes that vary by more than AEROBATIC are of vehicles that do.
-PIECE, SHORTEST_PIECE = 120, 20  # windows
-UPRIGHT = 60.0 * DEGREE
-OVER = 75.0 * DEGREE
-AEROBATIC = 0.2
-# Lift that holds a leaning vehicle up is 1/cos times gravity: its size varies by no less than this
-# share of what the largest lean adds.
-LEAN_FELT = 0.05
+# Over a piece of this many windows velocity hardly changes beside what gravity adds to it.
+PIECE, SHORTEST_PIECE = 40, 20
+# Rates in the wrong unit keep the mean specific force of pieces from being gravity by more than
+# this share of it, and so many times as badly as those in the right one.
+LEAST_MISFIT = 0.04
+WORSE = 3.0
 # Gravity turns 57 times what rates in rad/s, taken for deg/s, say: this lies half-way in ratio.
 RADIANS_SCALE = 7.5
 # No IMU measures 100 rad/s (5 700 deg/s); many reach 100 deg/s.
@@ -51,24 +41,27 @@ class UnitEvidence:
         Telling pairs of windows: the two readings predict clearly different directions.
     share : float
         Of those, the ones that deg/s explains better.
-    tipped_rad : float
-        Where the specific force stays on one axis of the body all the same: how far rates in
-        rad/s tip this axis within a minute while those in deg/s leave it upright; 0 elsewhere.
+    misfit_radians, misfit_degrees : float
+        How far from that of gravity the size of the mean specific force of twenty seconds is in
+        axes that do not turn, by rates in rad/s and in deg/s, as a share of gravity, RMS of all
+        pieces; NaN in a log that is too short.
     """
 
     scale: float = 0.0
     sigma: float = np.inf
     windows: int = 0
     share: float = 0.0
-    tipped_rad: float = 0.0
+    misfit_radians: float = np.nan
+    misfit_degrees: float = np.nan
 
 
 def unit_evidence(windows: Windows) -> UnitEvidence:
     """Compare the rotation of gravity with the gyro, in rad/s and in deg/s.
 
     In windows half a second apart the direction of the mean specific force turns by what the
-    gyro measured, as far as the vehicle does not accelerate. Where it stays on one axis of the
-    body, be it that of a car or of lift, what tells is whether the vehicle would stay upright.
+    gyro measured, as far as the vehicle does not accelerate. Where it does, be it for minutes as
+    an aircraft that circles, what remains is that over twenty seconds its velocity changes little:
+    turned by the right rates, the mean specific force of all of them is gravity.
 
     Parameters
     ----------
@@ -97,73 +90,66 @@ def unit_evidence(windows: Windows) -> UnitEvidence:
     telling = np.linalg.norm(as_radians - as_degrees, axis=1) > TELLING_RAD
     better = np.linalg.norm(after - as_degrees, axis=1) < np.linalg.norm(after - as_radians, axis=1)
     count = int(np.count_nonzero(telling))
-    tipped = 0.0
-    axis = before[telling].mean(axis=0) if count else np.zeros(3)
-    held = float(np.linalg.norm(axis))
-    if held > NEARLY_HELD:
-        # An aircraft that turns in coordination, a rotor: what turns is the lift. A car: nothing.
-        axis /= held
-        varies = float(np.std(size[:-1][usable]) / np.median(size[:-1][usable]))
-        lean = _tipped(windows, axis, 1.0)
-        if lean > OVER and varies < AEROBATIC and _tipped(windows, axis, DEGREE) < UPRIGHT:
-            tipped = lean
-        elif held > HELD and (
-            varies > VARIES if lean > UPRIGHT else varies > LEAN_FELT * (1.0 / np.cos(lean) - 1.0)
-        ):
-            return UnitEvidence()
     share = float(np.mean(better[telling])) if count else 0.0
-    return UnitEvidence(scale, sigma, count, share, tipped)
+    return UnitEvidence(scale, sigma, count, share, _misfit(windows, 1.0), _misfit(windows, DEGREE))
 
 
-def _tipped(windows: Windows, axis: FloatArray, unit: float) -> float:
-    """How far an axis of the body leans from its mean direction within a minute.
+def _misfit(windows: Windows, unit: float) -> float:
+    """How far the size of the mean specific force of pieces of a log is from that of gravity.
 
     Parameters
     ----------
-    axis : ndarray, shape (3,)
-        In the body, of length 1.
     unit : float
         Of the rates, rad/s.
 
     Returns
     -------
     float
-        rad: the most in each minute, and of minutes the upper quartile, as a flip or a rest is no
-        habit. By rates less their mean across the axis, which is a bias. Infinite where no part
-        of the log is long enough.
+        Share of gravity, RMS of the pieces; NaN where none is long enough. Of that with the rates
+        as they are, with their mean taken off, and with that across the specific force: without
+        a bias, with one, and with one of a vehicle that turns.
     """
     length = min(PIECE, len(windows))
     first = np.arange(0, len(windows) - length + 1, max(length, 1))
-    whole = windows.start_ns[first + length - 1] - windows.start_ns[first] == (
-        (length - 1) * WINDOW_NS
-    )
-    first = first[whole]
+    last = first + length - 1
+    first = first[windows.start_ns[last] - windows.start_ns[first] == (length - 1) * WINDOW_NS]
     if length < SHORTEST_PIECE or not len(first):
-        return float(np.inf)
-    across = windows.gyro - np.outer(windows.gyro @ axis, axis)
-    rates = unit * (windows.gyro - across.mean(axis=0))
-    turns = rotation.exp(rates[first[:, None] + np.arange(length)] * (WINDOW_NS / 1e9))
-    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(first), 1))
-    seen = np.empty((length, len(first), 3))
-    for k in range(length):
-        q = rotation.multiply(q, turns[:, k])
-        seen[k] = rotation.rotate(q, np.broadcast_to(axis, (len(first), 3)))
-    mean = seen.mean(axis=0)
-    mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-    cosine = np.einsum("kij,ij->ki", seen, mean).min(axis=0)
-    return float(np.quantile(np.arccos(np.clip(cosine, -1.0, 1.0)), 0.75))
+        return np.nan
+    axis = windows.accel.mean(axis=0)
+    axis /= max(float(np.linalg.norm(axis)), 1e-9)
+    mean = windows.gyro.mean(axis=0)
+    usual = float(np.median(np.linalg.norm(windows.accel, axis=1)))
+    gravity = usual if accel_looks_like_g(usual) else STANDARD_GRAVITY
+    misfits = []
+    for bias in (np.zeros(3), mean, mean - axis * (mean @ axis)):
+        rows = first[:, None] + np.arange(length)
+        turns = rotation.exp(unit * (windows.gyro - bias)[rows] * (WINDOW_NS / 1e9))
+        q = np.tile([1.0, 0.0, 0.0, 0.0], (len(first), 1))
+        force = np.zeros((len(first), 3))
+        for k in range(length):
+            q = rotation.multiply(q, turns[:, k])
+            force += rotation.rotate(q, windows.accel[first + k]) / length
+        misfits.append(np.sqrt(np.mean((np.linalg.norm(force, axis=1) / gravity - 1.0) ** 2)))
+    return float(min(misfits))
 
 
 def turns_like_degrees(evidence: UnitEvidence) -> bool:
-    """Whether gravity turns in the body as rates in deg/s say, or the body rolls over by rad/s.
+    """Whether gravity turns in the body as rates in deg/s say, or those in rad/s do not keep it.
 
-    The scale alone would be fooled by a spin that is faster than the windows resolve; the share
-    alone by a multirotor, whose specific force stays on its own z axis however it tilts.
+    The scale alone would be fooled by a spin that is faster than the windows resolve; both by
+    a vehicle that circles or leans in coordination, whose specific force stays on its own axis:
+    there it counts that rates in rad/s keep gravity although they turn far.
     """
     e = evidence
-    return e.tipped_rad > 0.0 or (
-        e.windows >= TELLING_WINDOWS
-        and e.share >= TELLING_SHARE
+    if e.windows < TELLING_WINDOWS:
+        return False
+    if e.misfit_radians > max(LEAST_MISFIT, WORSE * e.misfit_degrees):
+        return True
+    far = e.windows > PIECE
+    if e.misfit_radians < e.misfit_degrees or (far and e.misfit_radians < LEAST_MISFIT):
+        return False
+    return (
+        e.share >= TELLING_SHARE
         and e.scale > 2.0 * e.sigma
         and e.scale + 3.0 * e.sigma < RADIANS_SCALE
     )

@@ -126,11 +126,11 @@ def drive(seed, duration=3600.0, rest=120.0):
     """
     random = np.random.default_rng([seed, 1])
     t = np.arange(0.0, duration, 1.0 / RATE)
-    speed = smoothed(_speeds(random, t, rest), 2.0)
-    sideways = smoothed(_steps(random, t, (4.0, 12.0), 2.5), 2.0)
+    speed = smoothed(stop_and_go(random, t, rest), 2.0)
+    sideways = smoothed(random_levels(random, t, (4.0, 12.0), 2.5), 2.0)
     turning = sideways * speed / np.maximum(speed, 7.0) ** 2
-    heading = _integral(turning, 2.0 * np.pi * random.random())
-    way = _integral(speed)
+    heading = running_integral(turning, 2.0 * np.pi * random.random())
+    way = running_integral(speed)
     slope = np.zeros_like(t)
     for length in (300.0, 700.0, 1500.0, 4000.0):
         phase = 2.0 * np.pi * random.random()
@@ -139,28 +139,33 @@ def drive(seed, duration=3600.0, rest=120.0):
     forward = np.gradient(speed, t)
     shaking = np.minimum(speed / 15.0, 1.0)[:, None]
     velocity = np.stack([level * np.cos(heading), level * np.sin(heading), -level * slope], axis=1)
-    velocity += shaking * (np.array([0.006, 0.006, 0.015]) * _noise(random, t, 1.5, 9.0))
+    velocity += shaking * (np.array([0.006, 0.006, 0.015]) * band_noise(random, t, 1.5, 9.0))
     angles = np.stack(
         [0.004 * turning * speed, np.arctan(slope) + 0.004 * forward, heading], axis=1
     )
-    angles += shaking * (DEG * np.array([0.2, 0.15, 0.05]) * _noise(random, t, 1.5, 9.0))
-    return _motion(t, velocity, angles)
+    angles += shaking * (DEG * np.array([0.2, 0.15, 0.05]) * band_noise(random, t, 1.5, 9.0))
+    return motion_of(t, velocity, angles)
 
 
 def flight(seed, duration=600.0, turbulent=False):
     """An aircraft at 60 m/s in banked turns, in the air from the start on."""
     random = np.random.default_rng([seed, 2])
     t = np.arange(0.0, duration, 1.0 / RATE)
-    speed = 60.0 + smoothed(_steps(random, t, (20.0, 60.0), 4.0), 15.0)
-    bank = smoothed(_steps(random, t, (10.0, 40.0), 25.0 * DEG), 8.0)
-    climb = smoothed(_steps(random, t, (30.0, 60.0), 2.0), 15.0)
-    heading = _integral(9.81 * np.tan(bank) / speed, 2.0 * np.pi * random.random())
-    velocity = np.stack([speed * np.cos(heading), speed * np.sin(heading), -climb], axis=1)
-    angles = np.stack([bank, 0.05 + climb / speed, heading], axis=1)
+    speed = 60.0 + smoothed(random_levels(random, t, (20.0, 60.0), 4.0), 15.0)
+    bank = smoothed(random_levels(random, t, (10.0, 40.0), 25.0 * DEG), 8.0)
+    climb = smoothed(random_levels(random, t, (30.0, 60.0), 2.0), 15.0)
+    velocity, angles = banked(random, t, speed, bank, climb)
     if turbulent:
-        velocity += 0.7 * _noise(random, t, 0.1, 1.0) + 0.05 * _noise(random, t, 1.0, 8.0)
-        angles += DEG * (_noise(random, t, 0.1, 1.0) + 0.2 * _noise(random, t, 1.0, 8.0))
-    return _motion(t, velocity, angles)
+        velocity += 0.7 * band_noise(random, t, 0.1, 1.0) + 0.05 * band_noise(random, t, 1.0, 8.0)
+        angles += DEG * (band_noise(random, t, 0.1, 1.0) + 0.2 * band_noise(random, t, 1.0, 8.0))
+    return motion_of(t, velocity, angles)
+
+
+def banked(random, t, speed, bank, climb):
+    """Velocity through the air, and angles, of an aircraft in coordinated turns."""
+    heading = running_integral(9.81 * np.tan(bank) / speed, 2.0 * np.pi * random.random())
+    velocity = np.stack([speed * np.cos(heading), speed * np.sin(heading), -climb], axis=1)
+    return velocity, np.stack([bank, 0.05 + climb / speed, heading], axis=1)
 
 
 def boat(seed, duration=600.0):
@@ -168,9 +173,9 @@ def boat(seed, duration=600.0):
     random = np.random.default_rng([seed, 3])
     t = np.arange(0.0, duration, 1.0 / RATE)
     under_way = np.clip((t - 60.0) / 30.0, 0.0, 1.0)
-    speed = under_way * (5.0 + smoothed(_steps(random, t, (30.0, 90.0), 2.0), 20.0))
-    turning = under_way * smoothed(_steps(random, t, (15.0, 45.0), 0.06), 8.0)
-    heading = _integral(turning, 2.0 * np.pi * random.random())
+    speed = under_way * (5.0 + smoothed(random_levels(random, t, (30.0, 90.0), 2.0), 20.0))
+    turning = under_way * smoothed(random_levels(random, t, (15.0, 45.0), 0.06), 8.0)
+    heading = running_integral(turning, 2.0 * np.pi * random.random())
     leeway = under_way * (0.3 + 0.5 * random.random()) * np.sign(random.standard_normal())
     current = random.uniform(-0.6, 0.6, 2) * under_way[:, None]
     velocity = np.stack(
@@ -181,26 +186,28 @@ def boat(seed, duration=600.0):
         ],
         axis=1,
     )
-    velocity += np.array([0.15, 0.15, 0.3]) * _noise(random, t, 0.1, 0.4)
+    velocity += np.array([0.15, 0.15, 0.3]) * band_noise(random, t, 0.1, 0.4)
     angles = np.stack([np.zeros_like(t), np.zeros_like(t), heading], axis=1)
-    angles += DEG * np.array([4.0, 2.0, 1.0]) * _noise(random, t, 0.1, 0.4)
-    return _motion(t, velocity, angles)
+    angles += DEG * np.array([4.0, 2.0, 1.0]) * band_noise(random, t, 0.1, 0.4)
+    return motion_of(t, velocity, angles)
 
 
 def walk(seed, duration=600.0):
     """A hand-held IMU on a walk: steps, pauses, and looking about."""
     random = np.random.default_rng([seed, 4])
     t = np.arange(0.0, duration, 1.0 / RATE)
-    speed = smoothed(np.where(_steps(random, t, (10.0, 40.0), 1.0) > -0.1, 1.4, 0.0), 2.0)
-    way = _integral(smoothed(_steps(random, t, (5.0, 20.0), 0.5), 3.0), 6.3 * random.random())
-    look = way + smoothed(_steps(random, t, (4.0, 15.0), 2.0), 3.0)
+    speed = smoothed(np.where(random_levels(random, t, (10.0, 40.0), 1.0) > -0.1, 1.4, 0.0), 2.0)
+    way = running_integral(
+        smoothed(random_levels(random, t, (5.0, 20.0), 0.5), 3.0), 6.3 * random.random()
+    )
+    look = way + smoothed(random_levels(random, t, (4.0, 15.0), 2.0), 3.0)
     velocity = np.stack([speed * np.cos(way), speed * np.sin(way), np.zeros_like(t)], axis=1)
     steps = speed[:, None] / 1.4
-    velocity += np.array([0.15, 0.15, 0.25]) * steps * _noise(random, t, 1.5, 2.5)
-    velocity += 0.03 * _noise(random, t, 0.5, 3.0)
+    velocity += np.array([0.15, 0.15, 0.25]) * steps * band_noise(random, t, 1.5, 2.5)
+    velocity += 0.03 * band_noise(random, t, 0.5, 3.0)
     angles = np.stack([np.zeros_like(t), np.full_like(t, 0.3), look], axis=1)
-    angles += DEG * 4.0 * _noise(random, t, 0.2, 3.0)
-    return _motion(t, velocity, angles)
+    angles += DEG * 4.0 * band_noise(random, t, 0.2, 3.0)
+    return motion_of(t, velocity, angles)
 
 
 def multicopter(seed, duration=600.0):
@@ -208,24 +215,25 @@ def multicopter(seed, duration=600.0):
     random = np.random.default_rng([seed, 5])
     t = np.arange(0.0, duration, 1.0 / RATE)
     velocity = np.stack(
-        [smoothed(_steps(random, t, (5.0, 20.0), most), 4.0) for most in (8.0, 8.0, 2.0)], axis=1
+        [smoothed(random_levels(random, t, (5.0, 20.0), most), 4.0) for most in (8.0, 8.0, 2.0)],
+        axis=1,
     )
-    velocity += 0.1 * _noise(random, t, 0.2, 2.0)
-    turning = smoothed(_steps(random, t, (5.0, 20.0), 0.5), 3.0)
-    heading = _integral(turning, 6.3 * random.random())
+    velocity += 0.1 * band_noise(random, t, 0.2, 2.0)
+    turning = smoothed(random_levels(random, t, (5.0, 20.0), 0.5), 3.0)
+    heading = running_integral(turning, 6.3 * random.random())
     force = np.gradient(velocity, t, axis=0) / 9.81
     c, s = np.cos(heading), np.sin(heading)
     ahead, right = force[:, 0] * c + force[:, 1] * s, force[:, 1] * c - force[:, 0] * s
     angles = np.stack([np.arctan(right), -np.arctan(ahead), heading], axis=1)
-    angles += DEG * 0.5 * _noise(random, t, 0.5, 8.0)
-    return _motion(t, velocity, angles)
+    angles += DEG * 0.5 * band_noise(random, t, 0.5, 8.0)
+    return motion_of(t, velocity, angles)
 
 
 def cruise(duration=300.0, heading=0.7):
     """An aircraft that flies straight on at 60 m/s, with nothing that changes."""
     t = np.arange(0.0, duration, 1.0 / RATE)
     velocity = np.tile([60.0 * np.cos(heading), 60.0 * np.sin(heading), 0.0], (len(t), 1))
-    return _motion(t, velocity, np.tile([0.0, 0.05, heading], (len(t), 1)))
+    return motion_of(t, velocity, np.tile([0.0, 0.05, heading], (len(t), 1)))
 
 
 def smoothed(values, width):
@@ -234,7 +242,7 @@ def smoothed(values, width):
     return convolve1d(values, window / window.sum(), mode="nearest")
 
 
-def _speeds(random, t, rest):
+def stop_and_go(random, t, rest):
     """Straight lines between speeds that are held for a while, m/s."""
     times, speeds = [0.0, rest], [0.0, 0.0]
     while times[-1] < t[-1]:
@@ -246,7 +254,7 @@ def _speeds(random, t, rest):
     return np.interp(t, times, speeds)
 
 
-def _steps(random, t, lengths, most):
+def random_levels(random, t, lengths, most):
     """Levels that are held for a while, half of them 0."""
     ends, levels = [0.0], []
     while ends[-1] < t[-1]:
@@ -255,19 +263,19 @@ def _steps(random, t, lengths, most):
     return np.array(levels)[np.searchsorted(ends, t, side="right") - 1]
 
 
-def _noise(random, t, low, high):
+def band_noise(random, t, low, high):
     """Three columns of noise of a band, Hz, each of size 1."""
     sections = butter(2, [low, high], "bandpass", fs=RATE, output="sos")
     noise = sosfiltfilt(sections, random.standard_normal((len(t), 3)), axis=0)
     return noise / noise.std(axis=0)
 
 
-def _integral(rate, first=0.0):
+def running_integral(rate, first=0.0):
     """By trapezia."""
     return first + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) / RATE
 
 
-def _motion(t, velocity, angles):
+def motion_of(t, velocity, angles):
     """Exact increments of the spline through velocities and roll, pitch, heading (rad)."""
     path, imu = generate_imu(t, PLACE, angles / DEG, velocity, "increment")
     values, increments = path.to_numpy(), imu.to_numpy()

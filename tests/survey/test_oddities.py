@@ -174,7 +174,7 @@ def test_deg_s(rows, findings_of):
     rows.gyro *= 180.0 / np.pi
     odd = findings_of(rows)["gyro-unit"]
     assert is_fatal(odd) and "deg/s" in odd.text and "--gyro-unit deg/s" in odd.answer
-    assert "gravity turns" in odd.text
+    assert "off the size of gravity if its rates are in rad/s" in odd.text
     assert findings_of(rows, gyro_unit="deg/s") == {}
     answer = findings_of(rows, gyro_unit="rad/s")["gyro-unit"]
     assert not is_fatal(answer) and "read as rad/s as specified" in answer.text

@@ -24,6 +24,7 @@ from sinstool.survey.unit_evidence import (
 from tests.helpers import unseen_drives as unseen
 from tests.helpers.imulogs import REAL, G, even_times, handheld, resting
 from tests.helpers.logs import real
+from tests.helpers.unseen_vehicles import VEHICLES
 
 RATE = 200.0
 
@@ -134,7 +135,7 @@ def test_one_flip_does_not_make_a_multirotor_one_in_degrees():
 
 def test_vehicles_that_never_tilt_much_are_told_by_how_they_would_roll_over():
     """By another program's simulation: lift or a road holds the specific force on one axis."""
-    motions = (unseen.drive, unseen.flight, unseen.multicopter, unseen.boat)
+    motions = (unseen.drive, unseen.flight, unseen.multicopter, unseen.boat, *VEHICLES.values())
     for seed, motion in enumerate(motions, 40):
         data = unseen.record(motion(seed, 300.0), unseen.GRADES["industrial"], seed)
         rate, force = data.gyro * RATE, data.accel * RATE
@@ -171,6 +172,10 @@ def test_rates_beyond_any_sensor():
         (UnitEvidence(6.0, 0.6, 50, 0.9), False),  # could be rad/s
         (UnitEvidence(30.0, 1.0, 50, 0.9), False),
         (UnitEvidence(-1.0, 0.1, 50, 0.9), False),
+        (UnitEvidence(1.0, 0.1, 50, 0.9, 0.02, 0.01), False),  # far turns in rad/s keep gravity
+        (UnitEvidence(1.0, 0.1, 20, 0.9, 0.02, 0.01), True),
+        (UnitEvidence(1.0, 0.1, 20, 0.9, 0.01, 0.02), False),
+        (UnitEvidence(0.1, 0.5, 50, 0.9, 0.30, 0.02), True),  # and here they do not
     ],
 )
 def test_what_evidence_is_enough(evidence, expected):
