@@ -253,6 +253,9 @@ def align_in_motion(
     if rough is None or not rough.good:
         level = level_bias(imu, fixes, begin)
         rough = tried(level, replace(settings.grade, gyro_bias=LEVEL_SIGMA), [*ends, *ends_ns])
+    if (rough is None or not rough.good) and not best.good:
+        # With an ordinary bias, which spoils long spans all the same where little changes
+        rough = tried(gyro_bias, settings.grade, ends)
     if rough is None or not rough.good:
         return best
     for _ in range(ROUNDS):

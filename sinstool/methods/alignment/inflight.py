@@ -38,7 +38,6 @@ from sinstool.methods.alignment.covariance import axis_sigma, geometry, worst_si
 from sinstool.methods.alignment.gate import dynamics, lift_off, looks_clipped
 from sinstool.methods.alignment.inflight_types import (
     OK_SIGMA,
-    REFUSE_SIGMA,
     UNIFORM_SIGMA,
     AlignmentSeries,
     AlignmentSettings,
@@ -72,9 +71,9 @@ class InFlightAlignment:
     Attributes
     ----------
     status : {'ok', 'degraded', 'level-only', 'unobservable', 'failed'}
-        ``ok`` up to 1 deg about the worst axis, ``degraded`` up to 5 deg or where residuals are
-        inconsistent, ``level-only`` where only roll and pitch are known; the latter's `q_nb`
-        holds an arbitrary heading.
+        ``ok`` up to 1 deg about the worst axis, ``degraded`` up to 5 deg (`refuse_sigma`) or
+        where residuals are inconsistent, ``level-only`` where only roll and pitch are known; the
+        latter's `q_nb` holds an arbitrary heading.
     method, vectors : str
         As used.
     t_ns, t_q_ns, t_stop_ns : int
@@ -257,7 +256,7 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
     covariance = turn @ covariance @ turn.T
     q_nb = from_dcm(c_ni @ chain.dcm_ib(at)[0])
     worst = float(worst_sigma(covariance))
-    status = _status(covariance)
+    status = _status(covariance, settings.refuse_sigma)
     if status == "ok" and inconsistent:
         status = "degraded"
     if status == "level-only":
@@ -308,11 +307,11 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
     )
 
 
-def _status(covariance: FloatArray) -> Status:
+def _status(covariance: FloatArray, refuse_sigma: float) -> Status:
     worst = float(worst_sigma(covariance))
     if worst <= OK_SIGMA:
         return "ok"
-    if worst <= REFUSE_SIGMA:
+    if worst <= refuse_sigma:
         return "degraded"
     return "level-only" if worst_sigma(covariance[:2, :2]) <= OK_SIGMA else "unobservable"
 

@@ -215,6 +215,8 @@ class AlignmentSettings:
         ns inside it.
     gyro_limit, accel_limit : float, optional
         Ranges of the sensors, rad/s and m/s^2; samples that reach them break the chain.
+    refuse_sigma : float
+        About its worst axis, rad: an attitude that is less certain is not given.
     screen : bool
         Screen fixes for outliers first.
     series : bool
@@ -246,6 +248,7 @@ class AlignmentSettings:
     at: str | int = "end"
     gyro_limit: float | None = None
     accel_limit: float | None = None
+    refuse_sigma: float = REFUSE_SIGMA
     screen: bool = True
     series: bool = True
 

@@ -168,9 +168,12 @@ def in_flight(
         It cannot be had: with the reasons.
     """
     grade = sensor_grade(source, config).grade
+    from sinstool.methods.alignment.inflight_types import REFUSE_SIGMA
     from sinstool.pipelines.align.in_motion import align_moving
 
-    moving = align_moving(source, config, grade, method, "start", gnss)
+    # A filter learns the rest of the heading; what nobody corrects must be known better
+    refused = REFUSE_SIGMA if time_ns is None else FILTER_SIGMA
+    moving = align_moving(source, config, grade, method, "start", gnss, refused)
     result = moving.result
     if result.status in ("failed", "unobservable"):
         reasons = "; ".join(result.warnings) or "no reason is known"

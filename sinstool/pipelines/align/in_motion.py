@@ -20,7 +20,12 @@ from sinstool.methods.alignment.in_motion import (
     align_in_motion,
     gnss_fixes,
 )
-from sinstool.methods.alignment.inflight_types import AlignmentSettings, GateLimits, ImuIncrements
+from sinstool.methods.alignment.inflight_types import (
+    REFUSE_SIGMA,
+    AlignmentSettings,
+    GateLimits,
+    ImuIncrements,
+)
 from sinstool.methods.allan.coefficients import as_measured
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
 from sinstool.survey.grade import measured_noise, random_walk
@@ -47,6 +52,7 @@ def align_moving(
     method: str,
     at: str | int,
     gnss: GnssEpochs | None = None,
+    refuse_sigma: float = REFUSE_SIGMA,
 ) -> MotionAlignment:
     """Align a log's vehicle in motion.
 
@@ -59,6 +65,8 @@ def align_moving(
         When the attitude holds.
     gnss : GnssEpochs, optional
         Instead of those of the log.
+    refuse_sigma : float
+        About its worst axis, rad: an attitude that is less certain is not given.
 
     Returns
     -------
@@ -96,7 +104,9 @@ def align_moving(
         config.input.sample_kind,
         _interval_ns(source) / SECOND,
         fixes,
-        _settings(config, errors, method, gate, at, start, survey),
+        replace(
+            _settings(config, errors, method, gate, at, start, survey), refuse_sigma=refuse_sigma
+        ),
         bias,
         ends,
         UNKNOWN_BIAS if doubtful else None,
