@@ -92,6 +92,9 @@ class ReceiverOffsets:
     turned : ndarray, shape (3, 4, 4)
         Mean of the products of what each axis of attitude, NED, of a filter with wrong ones is off
         by for each of them, rad.
+    misfit : float
+        Innovations squared that are left, over what the filter expects, of the fixes used; at
+        least 1.
     spread : float
         By how much less certain the latency is than its covariance says, see :func:`settle`.
     """
@@ -102,6 +105,7 @@ class ReceiverOffsets:
     arm_off_b: FloatArray
     arm_off_sigma_b: FloatArray
     turned: FloatArray
+    misfit: float = 1.0
     spread: float = 1.0
 
     @property
@@ -193,13 +197,13 @@ def estimate_offsets(
     assumed = np.asarray(settings.lever_arm_b if assumed_b is None else assumed_b, np.float64)
     here = np.array([settings.gnss_latency, *settings.lever_arm_b])
     usual = np.array([0.0, *assumed])
-    free, covariance = _solved(scores, here, usual, ARM_UNKNOWN_M)
+    free, covariance, misfit = _solved(scores, here, usual, ARM_UNKNOWN_M)
     off, sigma = free[1:] - assumed, np.sqrt(np.diag(covariance)[1:])
     turned = scores.turned.mean(axis=0)
-    answer = ReceiverOffsets(float(free[0]), free[1:], covariance, off, sigma, turned)
+    answer = ReceiverOffsets(float(free[0]), free[1:], covariance, off, sigma, turned, misfit)
     if not assumed.any() or answer.arm_contradicts:
         return answer
-    near, covariance = _solved(scores, here, usual, ARM_SURE_M)
+    near, covariance, _ = _solved(scores, here, usual, ARM_SURE_M)
     return replace(answer, latency_s=float(near[0]), arm_b=near[1:], covariance=covariance)
 
 
@@ -294,8 +298,11 @@ class _Scores:
 
 def _solved(
     scores: _Scores, here: FloatArray, usual: FloatArray, arm_m: float
-) -> tuple[FloatArray, FloatArray]:
-    """Latency and arm and their covariance, from scores about `here` and a prior about `usual`."""
+) -> tuple[FloatArray, FloatArray, float]:
+    """Latency and arm, their covariance, and the misfit that is left.
+
+    From scores about `here` and a prior about `usual`.
+    """
     scores = _robust(scores)
     prior = np.diag(1.0 / np.square([LATENCY_S, arm_m, arm_m, arm_m]))
     pull = prior @ (usual - here)
@@ -318,7 +325,7 @@ def _solved(
     scattered = covariance @ (spread + prior) @ covariance
     more = np.sqrt(np.maximum(np.diag(scattered) / np.diag(covariance), 1.0))
     least = np.diag(np.square([_LEAST_SIGMA_S, *[_LEAST_SIGMA_M] * 3]))
-    return here + b, covariance * np.outer(more, more) + least
+    return here + b, covariance * np.outer(more, more) + least, excess
 
 
 def _robust(scores: _Scores) -> _Scores:

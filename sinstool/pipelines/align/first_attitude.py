@@ -19,7 +19,6 @@ from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment, tilted
-from sinstool.methods.ins_gnss.start import NEAR_S
 from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.rest import longest_rest
@@ -35,6 +34,8 @@ if TYPE_CHECKING:
 GYROCOMPASS_S = 30.0
 # A filter is linear in its errors: it rather begins later than with a sigma beyond this.
 FILTER_SIGMA = 10.0 * DEGREE
+# A filter that starts so near a fix, s, starts at it.
+AT_FIX_S = 0.03
 # A mean rate at rest, rad/s (45 deg/h), that is not just the Earth's in an unknown direction.
 PLAIN_BIAS = 3.0 * EARTH_RATE
 NO_BIAS = f"{initial.NOT_STILL}, so no gyro bias is removed"
@@ -168,12 +169,12 @@ def in_flight(
         It cannot be had: with the reasons.
     """
     grade = sensor_grade(source, config).grade
-    from sinstool.methods.alignment.inflight_types import REFUSE_SIGMA
     from sinstool.pipelines.align.in_motion import align_moving
 
-    # A filter learns the rest of the heading; what nobody corrects must be known better
-    refused = REFUSE_SIGMA if time_ns is None else FILTER_SIGMA
-    moving = align_moving(source, config, grade, method, "start", gnss, refused)
+    moving = align_moving(source, config, grade, method, "start", gnss)
+    if time_ns is not None and moving.result.status not in ("ok", "degraded"):
+        # What nobody corrects must be known better, but a filter learns the rest of the heading
+        moving = align_moving(source, config, grade, method, "start", gnss, FILTER_SIGMA)
     result = moving.result
     if result.status in ("failed", "unobservable"):
         reasons = "; ".join(result.warnings) or "no reason is known"
@@ -199,15 +200,14 @@ def _from_motion(
         To which it is carried back for a filter, unless the samples have a gap on the way or the
         gyros are not good enough; by default the first sample, however far.
     later_ns : ndarray of int64, shape (n,), optional
-        Times of fixes, to the first of which it is carried on where none is near enough to start
-        a filter from.
+        Times of fixes, to the first of which it is carried on where none is at its own time: from
+        one fix to the next an antenna may swing in ways that neither shows.
     """
     result = moving.result
     begin_ns = source.survey.first_ns if time_ns is None else time_ns
     limit = np.inf if time_ns is None else FILTER_SIGMA
     reached = _carried_back(moving, source, config, begin_ns, limit)
-    if later_ns is not None and not (np.abs(later_ns - reached[0]) <= NEAR_S * SECOND).any():
-        # Where it holds from, fixes are missing still
+    if later_ns is not None and not (np.abs(later_ns - reached[0]) <= AT_FIX_S * SECOND).any():
         after = later_ns[(later_ns >= result.t_ns) & (later_ns <= result.t_stop_ns)]
         if len(after):
             reached = _carried_back(moving, source, config, int(after[0]), limit)

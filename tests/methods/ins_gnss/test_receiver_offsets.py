@@ -56,7 +56,7 @@ def test_a_bad_fix_hardly_moves_the_latency():
     good.score[200, 0] += 400.0 * 30.0  # says 30 s
     good.nis[200] = 400.0 * 30.0**2
     usual = np.zeros(4)
-    latency, covariance = _solved(good, usual, usual, 1.0)
+    latency, covariance, _ = _solved(good, usual, usual, 1.0)
     assert latency[0] == pytest.approx(0.05, abs=0.01)
     # The prior, 0.2 s, has no say beside 400 epochs of 0.05 s each
     assert np.sqrt(covariance[0, 0]) < 0.1 * LATENCY_S
@@ -75,7 +75,8 @@ def test_innovations_beyond_what_is_expected_make_offsets_that_much_less_certain
         information=np.swapaxes(design, 1, 2) @ design,
         score=np.einsum("kij,ki->kj", design, seen),
     )
-    found, covariance = _solved(made, np.zeros(4), np.zeros(4), ARM_UNKNOWN_M)
+    found, covariance, misfit = _solved(made, np.zeros(4), np.zeros(4), ARM_UNKNOWN_M)
+    assert misfit == pytest.approx(excess, rel=0.1)
     prior = np.diag(1.0 / np.array([LATENCY_S, *[ARM_UNKNOWN_M] * 3]))
     rows = np.concatenate([design.reshape(-1, 4) / np.sqrt(excess), prior])
     right = np.concatenate([seen.ravel() / np.sqrt(excess), np.zeros(4)])

@@ -37,6 +37,10 @@ GAP_NS = 5 * SECOND
 # Used where it is more than this, and than so many of its sigmas.
 LEAST_S = 0.01
 USED = 1.5
+# Where innovations squared stay so many times what a filter expects, what was found may be a wrong
+# one of several latencies that explain a shaken antenna about as well: it is sought from others, s.
+MISFIT = 4.0
+OTHER_LATENCIES = (0.1, 0.2, -0.1)
 LEAST_LAG_S = 0.02
 LAG_SIGMAS = 6.0
 # Assumed while positions at wrong times must not spoil the biases.
@@ -75,6 +79,8 @@ def with_offsets(
         Makes a start with another latency, s, and the arm assumed (None) or another, m.
     """
     assumed, assumed_b = first.settings.gnss_latency, first.settings.lever_arm_b
+    # By all fixes, as a gate leaves out those that contradict
+    misfits: list[float] = []
 
     def evaluate(latency: float, arm_b: np.ndarray | None, gated: bool) -> ReceiverOffsets | None:
         try:
@@ -88,11 +94,23 @@ def with_offsets(
         if not gated:
             settings = replace(settings, control=replace(settings.control, gate_probability=1.0))
             fixes = fixes.rows(~outlying(fixes))
-        return estimate_offsets(start.start, settings, motion, fixes, assumed_b)
+        shown = estimate_offsets(start.start, settings, motion, fixes, assumed_b)
+        if shown is not None and not gated:
+            misfits.append(shown.misfit)
+        return shown
 
     used, offsets, agrees = settle(evaluate, assumed)
     if config.gnss.gnss_latency is not None:
         return replace(first, offsets=offsets, latency_status="given")
+    least = misfits[-1] if misfits else 0.0
+    for latency in OTHER_LATENCIES:
+        if least <= MISFIT:
+            break
+        misfits.clear()
+        other = settle(evaluate, latency)
+        if misfits and misfits[-1] < least:
+            least = misfits[-1]
+            used, offsets, agrees = other
     if offsets is None or not offsets.observable:
         return replace(first, offsets=offsets)
     status = "found" if agrees else "not settled"
@@ -100,7 +118,10 @@ def with_offsets(
     if used != assumed and not (
         agrees and not offsets.latency.differs_from(assumed, LEAST_S, USED)
     ):
-        start = begin(used, None)
+        try:
+            start = begin(used, None)
+        except AlignmentError:  # better a start with a latency that is contradicted than none
+            status = "not settled"
     return replace(start, offsets=offsets, latency_status=status)
 
 

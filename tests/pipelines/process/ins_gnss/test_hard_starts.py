@@ -1,0 +1,54 @@
+"""Logs in which a filter finds its start late, or by a detour."""
+
+import numpy as np
+
+from sinstool.core.finding import exit_status
+from tests.helpers.unseen_drives import (
+    GRADES,
+    flight,
+    record,
+    sensor_errors,
+    without_samples,
+    write,
+)
+from tests.helpers.unseen_vehicles import tractor
+from tests.pipelines.process.ins_gnss.test_doubtful_logs import navigated
+
+CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
+
+
+def test_an_antenna_that_swings_shows_a_latency_of_a_fifth_of_its_swing(tmp_path):
+    """About a wrong latency there are other minima: antennas elsewhere explain the swing too."""
+    truth = tractor(11, 200.0)
+    data = record(truth, GRADES["tactical"], 11, sigma=0.025, sigma_v=0.04, latency=0.1)
+    log = write(tmp_path / "log.mcap", data)
+    result, _, off, _ = navigated(log, truth, tmp_path / "out.mcap")
+    assert exit_status(result.findings) == 0
+    assert abs(result.filter.gnss_latency.position_s - 0.1) < 0.005
+    assert off.max() < 0.5
+
+
+def test_a_start_after_a_gap_is_at_a_fix(tmp_path):
+    """From one fix to the next the antenna swings in ways that neither shows."""
+    truth = tractor(13, 230.0)
+    whole = record(truth, GRADES["tactical"], 13, sigma=0.025, sigma_v=0.04)
+    log = write(tmp_path / "log.mcap", without_samples(whole, 70.0, 5.2))
+    result, seconds, off, _ = navigated(log, truth, tmp_path / "out.mcap")
+    assert result.filter.epochs_gated == 0
+    assert off[seconds > 76.0].max() < 0.5
+
+
+def test_a_flight_that_shows_its_heading_in_short_spans_only(tmp_path):
+    truth = flight(4, 150.0)
+    data = record(truth, CONSUMER, 16002, sigma=0.83, sigma_v=0.23)
+    log = write(tmp_path / "log.mcap", data)
+    _, seconds, off, heading = navigated(log, truth, tmp_path / "out.mcap")
+    assert off[-1] < 3.0 and np.median(heading[seconds > 100.0]) < 5.0
+
+
+def test_a_filter_starts_from_a_heading_that_an_alignment_alone_refuses(tmp_path):
+    truth = flight(1, 150.0)
+    data = record(truth, CONSUMER, 1, sigma=0.16, sigma_v=0.28)
+    log = write(tmp_path / "log.mcap", data)
+    _, _, off, heading = navigated(log, truth, tmp_path / "out.mcap")
+    assert off[-1] < 1.0 and heading[-1] < 6.0
