@@ -84,6 +84,9 @@ class Constraints:
         m/s; NaN where unknown.
     vehicle : LandVehicle or None
         None where only rests are known.
+    shaken : tuple of float, optional
+        Noise at rest beyond that of the sensors, as power densities: of specific force,
+        (m/s^2)^2 s, and of the rate, (rad/s)^2 s.
     """
 
     start_ns: int
@@ -92,6 +95,7 @@ class Constraints:
     rolls: BoolArray
     wheel_speed: FloatArray
     vehicle: LandVehicle | None
+    shaken: tuple[float, float] = (0.0, 0.0)
 
     def grid(self) -> FloatArray:
         """Columns by the names ``G_...`` of :mod:`~sinstool.methods.ins_gnss.layout`."""
@@ -104,7 +108,8 @@ class Constraints:
         p[layout.V_STEP] = step = STEP_NS * 1e-9
         p[layout.V_INTERVAL] = INTERVAL
         p[layout.V_REST_VELOCITY] = REST_VELOCITY**2 * step
-        p[layout.V_REST_RATE] = REST_RATE**2 * step
+        p[layout.V_REST_RATE] = max(REST_RATE**2 * step, self.shaken[1])
+        p[layout.V_SHAKEN_FORCE], p[layout.V_SHAKEN_RATE] = self.shaken
         if self.vehicle is not None:
             p[layout.V_LATERAL] = self.vehicle.lateral**2
             p[layout.V_VERTICAL] = self.vehicle.vertical**2

@@ -96,6 +96,15 @@ def close_substep(m: Memory, model: Model) -> None:
             turned = sqrt(m.turn[0] ** 2 + m.turn[1] ** 2 + m.turn[2] ** 2)
             for i in range(3):
                 m.p[states.ATTITUDE + i, states.ATTITUDE + i] += model.turn_variance * turned
+        if m.shaken > 0.0:
+            # An engine that idles, seen by samples that do not resolve it
+            for i in range(3):
+                m.p[states.VELOCITY + i, states.VELOCITY + i] += (
+                    model.vehicle[layout.V_SHAKEN_FORCE] * delta
+                )
+                m.p[states.ATTITUDE + i, states.ATTITUDE + i] += (
+                    model.vehicle[layout.V_SHAKEN_RATE] * delta
+                )
         if m.in_gap > 0.0:
             # A force and a turn that last for GAP_TIME at a time
             for i in range(3):

@@ -104,9 +104,11 @@ def constrain(m: Memory, model: Model, stored: FloatArray, grid: FloatArray) -> 
     m.constrained_at = now
     place = (now - model.vehicle[layout.V_ORIGIN]) / model.vehicle[layout.V_STEP]
     k = int(place)
+    m.shaken = 0.0
     if place >= 0.0 and k < grid.shape[0] - 1 and m.in_gap == 0.0:
         weight = 1.0 / min(since, LONGEST)
         if grid[k, layout.G_REST] > 0.0 and grid[k + 1, layout.G_REST] > 0.0:
+            m.shaken = 1.0
             if grid[k, layout.G_REST] > 1.0 or not _moves(m):
                 instants.open_instant(m, model, stored)
                 _rest(m, model, weight)

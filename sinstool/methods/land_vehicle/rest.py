@@ -28,6 +28,8 @@ LEAST_APART = 1.2
 # Without standing windows, a rest is what shows so much of the least motion; without moving ones,
 # what shows so much more than the usual rest.
 ALONE_MOVING, ALONE_STANDING = 0.5, 2.0
+# The median of the square of a unit normal.
+MEDIAN_SQUARE = 0.4549
 # What stands still on wheels, rad/s and m/s^2; a boat at anchor or a hand shows more.
 MOST = np.array([0.03, 0.5])
 # A vehicle rocks before it rests, and pulls away so gently that the first of it does not show:
@@ -56,6 +58,36 @@ class Rests:
     gyro: float
     accel: float
     reason: str
+
+
+def noise_at_rest(means: Means, at: BoolArray) -> tuple[float, float]:
+    """What an IMU at rest feels from second to second, its noise and what shakes it.
+
+    Parameters
+    ----------
+    at : ndarray of bool, shape (g,)
+        Steps at rest.
+
+    Returns
+    -------
+    force, rate : float
+        Power densities, (m/s^2)^2 s and (rad/s)^2 s, of an axis: the mean of the three. By medians
+        of the change from the mean of one second to that of the next, so that people who step in
+        do not count; 0 where rests are too short to tell.
+    """
+    ends = np.arange(0, len(means) - 2 * WINDOW + 1, WINDOW)
+    whole = ends[~within(~at, 0, 2 * WINDOW - 1)[ends]]
+    if len(whole) < LEAST_WINDOWS:
+        return 0.0, 0.0
+    seconds = WINDOW * STEP_NS * 1e-9
+    rows = whole[:, None] + np.arange(WINDOW)
+    densities = []
+    for values in (means.force, means.rate):
+        change = np.mean(values[rows + WINDOW], axis=1) - np.mean(values[rows], axis=1)
+        # Of the difference of two independent means
+        square = np.nanmedian(change**2, axis=0) / MEDIAN_SQUARE
+        densities.append(float(np.mean(square)) * seconds / 2.0)
+    return densities[0], densities[1]
 
 
 def find_rests(means: Means, track: Track) -> Rests:

@@ -23,7 +23,7 @@ from sinstool.methods.ins_gnss.constraints import (
 from sinstool.methods.ins_gnss.filter import FilterSummary, InsGnssFilter
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.states import ATTITUDE, VELOCITY
-from sinstool.methods.land_vehicle.rest import Rests, find_rests
+from sinstool.methods.land_vehicle.rest import Rests, find_rests, noise_at_rest
 from sinstool.methods.land_vehicle.track import Means, MeansStage, Track
 from sinstool.methods.land_vehicle.trust import Trust, find_trust
 from sinstool.methods.land_vehicle.wander import AS_STATED, Wander, find_wander
@@ -286,7 +286,12 @@ def find_vehicle(
     if wheels is not None and vehicle is not None:
         speed, vehicle = wheels.speed, replace(vehicle, wheel=wheels.sigma)
         log_choice("wheels", f"{wheels.topic}, {wheels.fit}")
-    constraints = Constraints(means.start_ns, rests.at, rests.surely, trust.rolls, speed, vehicle)
+    imu = start.settings.imu
+    own = imu.velocity_random_walk**2, imu.angle_random_walk**2
+    force, rate = np.maximum(np.subtract(noise_at_rest(means, rests.at), own), 0.0).tolist()
+    constraints = Constraints(
+        means.start_ns, rests.at, rests.surely, trust.rolls, speed, vehicle, (force, rate)
+    )
     return replace(chosen, constraints=constraints, wheels=wheels)
 
 
