@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sinstool.methods.ins_gnss.constraints import STEP_NS
-from sinstool.methods.land_vehicle.rest import find_rests
+from sinstool.methods.land_vehicle.rest import find_rests, noise_at_rest
 from sinstool.methods.land_vehicle.track import Means, MeansStage, Track, within
 from sinstool.methods.strapdown.velocity import Increments
 
@@ -84,3 +84,22 @@ def test_means_are_those_of_the_increments():
     assert means.rate[3] == pytest.approx(phi[30:40].sum(axis=0) / 0.1)
     assert means.force[30] == pytest.approx(dv[300:310].sum(axis=0) / 0.1)
     assert np.isnan(means.rate[15:21]).all() and np.isfinite(means.rate[14]).all()
+
+
+def test_noise_at_rest_is_that_of_its_seconds():
+    """White noise of a known density, motion between, and a few people who step in."""
+    means, _, speed = a_drive(seed=3, minutes=20.0)
+    random = np.random.default_rng(4)
+    still = speed == 0.0
+    force, rate = 0.03, 0.001  # (m/s)/sqrt(s), rad/sqrt(s)
+    means.force[still] = random.standard_normal((still.sum(), 3)) * force / np.sqrt(STEP)
+    means.rate[still] = random.standard_normal((still.sum(), 3)) * rate / np.sqrt(STEP)
+    means.force[still] += random.standard_normal(3)  # gravity and biases
+    means.force[np.flatnonzero(still)[200:220]] += 1.0
+    shown = noise_at_rest(means, still)
+    assert np.sqrt(shown) == pytest.approx((force, rate), rel=0.15)
+
+
+def test_too_short_rests_show_no_noise():
+    means, _, speed = a_drive(minutes=1.0)
+    assert noise_at_rest(means, (speed == 0.0) & (np.arange(len(speed)) % 15 > 0)) == (0.0, 0.0)

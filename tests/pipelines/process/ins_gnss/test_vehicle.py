@@ -114,6 +114,26 @@ def test_a_vehicle_that_stands_stays_where_it_is(tmp_path):
     assert np.ptp(solution.position[stands, 2]) < 1.0
 
 
+@pytest.mark.slow
+def test_an_engine_that_idles_makes_no_tilt_too_certain(tmp_path):
+    """Held at rest, the tilt follows the mean force, as well as what shakes it lets that be."""
+    squares = []
+    for seed in (3, 5, 7):
+        path = simulated(
+            tmp_path / f"{seed}.mcap", "drive", "--duration", "600", "--grade", "tactical",
+            "--seed", str(seed), "--gnss-model", "coloured", "--idle", "0.3,0.01",
+        )  # fmt: skip
+        _, solution = run(path)
+        off = errors(path, solution, 90.0)
+        late = solution.time_ns >= solution.time_ns[0] + 90 * 10**9
+        rows = solution.rows(np.flatnonzero(late)[::20])
+        stands = np.linalg.norm(rows.velocity_n, axis=1) < 0.2
+        error, covariance = off["attitude"]
+        tilt = error[stands, :2] ** 2 / np.einsum("nii->ni", covariance)[stands, :2]
+        squares.append(np.mean(tilt))
+    assert np.mean(squares) < 2.0
+
+
 def test_fixes_that_wander_while_it_stands_are_believed_less(tmp_path):
     """Heights of a parked car that go up and down by more than the receiver says."""
     truth = drive(3, 240.0, rest=150.0)
