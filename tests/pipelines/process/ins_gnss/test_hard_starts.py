@@ -1,6 +1,7 @@
 """Logs in which a filter finds its start late, or by a detour."""
 
 import numpy as np
+import pytest
 
 from sinstool.core.finding import exit_status
 from tests.helpers.unseen_drives import (
@@ -38,6 +39,7 @@ def test_a_start_after_a_gap_is_at_a_fix(tmp_path):
     assert off[seconds > 76.0].max() < 0.5
 
 
+@pytest.mark.slow
 def test_a_flight_that_shows_its_heading_in_short_spans_only(tmp_path):
     truth = flight(4, 150.0)
     data = record(truth, CONSUMER, 16002, sigma=0.83, sigma_v=0.23)
@@ -46,6 +48,7 @@ def test_a_flight_that_shows_its_heading_in_short_spans_only(tmp_path):
     assert off[-1] < 3.0 and np.median(heading[seconds > 100.0]) < 5.0
 
 
+@pytest.mark.slow
 def test_a_filter_starts_from_a_heading_that_an_alignment_alone_refuses(tmp_path):
     truth = flight(1, 150.0)
     data = record(truth, CONSUMER, 1, sigma=0.16, sigma_v=0.28)
