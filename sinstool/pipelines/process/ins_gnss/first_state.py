@@ -65,9 +65,10 @@ def find_start(
         method: str = "svd" if config.align.align == "auto" else config.align.align
         if method in IN_FLIGHT:
             late = round(settings.gnss_latency * SECOND)
-            valid = gnss.time_ns[gnss.has_position] - late
+            # A start at a fix that is off is off by as much, and by a velocity of as much
+            valid = shown.time_ns[shown.has_position] - late
             first = _sample(source, config, int(valid[0]) if len(valid) else 0)
-            whole = gnss.time_ns[gnss.has_position & gnss.has_velocity] - late
+            whole = shown.time_ns[shown.has_position & shown.has_velocity] - late
             alignment = in_flight(source, config, method, shown, int(first.time_ns[0]), whole)
         else:
             alignment = align(source, config)

@@ -38,9 +38,12 @@ GAP_NS = 5 * SECOND
 LEAST_S = 0.01
 USED = 1.5
 # Where innovations squared stay so many times what a filter expects, what was found may be a wrong
-# one of several latencies that explain a shaken antenna about as well: it is sought from others, s.
+# one of several latencies that explain a shaken antenna about as well: it is sought anew from the
+# best of these, s, and of those about that one. Where an antenna shakes at 10 Hz and more only a
+# few ms from the right one show it.
 MISFIT = 4.0
-OTHER_LATENCIES = (0.1, 0.2, -0.1)
+LATENCIES = np.arange(-0.1, 0.26, 0.02)
+NEARER = 0.005 * np.arange(-3, 4)
 LEAST_LAG_S = 0.02
 LAG_SIGMAS = 6.0
 # Assumed while positions at wrong times must not spoil the biases.
@@ -103,13 +106,10 @@ def with_offsets(
     if config.gnss.gnss_latency is not None:
         return replace(first, offsets=offsets, latency_status="given")
     least = misfits[-1] if misfits else 0.0
-    for latency in OTHER_LATENCIES:
-        if least <= MISFIT:
-            break
+    if least > MISFIT:
         misfits.clear()
-        other = settle(evaluate, latency)
+        other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
         if misfits and misfits[-1] < least:
-            least = misfits[-1]
             used, offsets, agrees = other
     if offsets is None or not offsets.observable:
         return replace(first, offsets=offsets)
@@ -123,6 +123,23 @@ def with_offsets(
         except AlignmentError:  # better a start with a latency that is contradicted than none
             status = "not settled"
     return replace(start, offsets=offsets, latency_status=status)
+
+
+def _likeliest_latency(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
+) -> float:
+    """Latency about which offsets explain the fixes best, s, of `LATENCIES` and those near it."""
+    motion = motion_from(source, config, algorithm, first.time_ns)
+    fixes = first.used.rows(~outlying(first.used))
+    control = replace(first.settings.control, gate_probability=1.0)
+
+    def misfit(latency: float) -> float:
+        settings = replace(first.settings, control=control, gnss_latency=latency)
+        shown = estimate_offsets(first.start, settings, motion, fixes)
+        return np.inf if shown is None else shown.misfit
+
+    best = min(LATENCIES.tolist(), key=misfit)
+    return min((best + NEARER).tolist(), key=misfit)
 
 
 def outlying(gnss: GnssEpochs) -> BoolArray:
