@@ -21,10 +21,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import chdtri
 
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.chi_square import upper_point
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
@@ -153,7 +153,7 @@ class _Windows:
         if len(square) < LEAST_WINDOWS:
             return 1.0
         mean = float(np.median(square)) / MEDIAN_OF_MEAN if self.restarts else float(square.mean())
-        chance = float(chdtri(2 * len(square), CHANCE)) / len(square)
+        chance = upper_point(2 * len(square), CHANCE) / len(square)
         return float(np.sqrt(0.5 * mean)) if mean > chance else 1.0
 
     @property
