@@ -27,7 +27,7 @@ from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.chi_square import upper_point
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import wrapped
-from sinstool.core.streams import GnssEpochs, concatenate, take_rows
+from sinstool.core.streams import concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -193,14 +193,16 @@ class Drift:
         self._estimated = config.filter.virtual_noise == "auto"
         self._measured = config.navigation.imu_noise is not None
         self._least = _of_rest(source, start)
-        self._increments: list[Increments] = []
+        parts: list[Increments] = []
         last_ns = start.time_ns
         steps = SegmentIncrements(source, config, algorithm)
         for increments, _, _ in steps.from_time(start.time_ns, start.time_ns + SHOWN_NS):
             if int(increments.time_ns[0]) - last_ns > round(start.settings.max_gap * SECOND):
                 break
             last_ns = int(increments.time_ns[-1])
-            self._increments.append(joined_updates(increments, JOINED_S))
+            parts.append(joined_updates(increments, JOINED_S))
+        # At once, as each run over them is prepared for longer than it takes per block
+        self._increments = concatenate(parts) if parts else None
 
     @cached_property
     def _as_graded(self) -> _Windows | None:
@@ -273,6 +275,8 @@ class Drift:
     def _windows(self, settings: Settings) -> _Windows | None:
         """Both runs, by turns with fixes and without and the other way round."""
         start = self._start
+        if self._increments is None:
+            return None
         gnss, settings = start.used, replace(settings, network=None)
         step = np.diff(gnss.time_ns, prepend=start.time_ns) / SECOND
         # Time with fixes: an outage of the log itself is none of ours
@@ -281,15 +285,7 @@ class Drift:
         for phase in (0.0, LEFT_OUT_S):
             left_out = (used > SETTLED_S) & ((used + phase) % (2.0 * LEFT_OUT_S) >= LEFT_OUT_S)
             run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
-            fixes: GnssEpochs | None = gnss
-            parts = []
-            for increments in self._increments:
-                mask = None if fixes is None else left_out
-                parts.append(run.push(increments, fixes, mask).gnss)
-                fixes = None
-            if not parts:
-                return None
-            epochs = concatenate(parts)
+            epochs = run.push(self._increments, gnss, left_out).gnss
             epochs = take_rows(epochs, np.isfinite(epochs.innovation[:, 1]))
             restarts += run.summary.restarts
             begin, end = _spans(epochs.withheld)
