@@ -76,7 +76,9 @@ def _slopes(
     count = moments[:, 0]
     normal = moments[:, np.arange(3)[:, None] + np.arange(3)[None, :]]
     spread = moments[:, 2] > 0.25 * half**2 * LEAST / 3.0
-    good = (count >= LEAST) & spread & (np.linalg.cond(normal + 1e-12 * np.eye(3)) < 1e8)
+    sure = normal + 1e-12 * np.eye(3)
+    condition = _size(sure) * _size(np.linalg.inv(sure))
+    good = (count >= LEAST) & spread & (condition < 1e8)
     normal[~good] = np.eye(3)
     inverse = np.linalg.inv(normal)
     fitted = inverse @ right
@@ -87,6 +89,11 @@ def _slopes(
     bend /= np.where(reached > 0.0, reached, 1.0)[:, None]
     sigma = np.hypot(sigma_m * np.sqrt(np.abs(inverse[:, 1, 1]))[:, None], bend)
     return fitted[:, 1], np.maximum(sigma, LEAST_SIGMA), good
+
+
+def _size(matrices: np.ndarray) -> np.ndarray:
+    """Norm of Frobenius of each."""
+    return np.asarray(np.sqrt(np.einsum("kij,kij->k", matrices, matrices)))
 
 
 @kernel()
