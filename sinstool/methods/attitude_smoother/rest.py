@@ -134,9 +134,12 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     rows[sways & (rows[:, REST] > MOVING), REST] = STEADY
     drop_lulls(rows)
     kinds = np.zeros(len(epochs))
-    judged = replace(epochs, values=_long_medians(rows, epochs.rest, usual))
-    if filtered(judged, VEHICLE, sensors, tilt, kinds) == DIVERGED:
+    # In place, as a long log's epochs take much memory
+    kept = rows[:, GYRO : GYRO + 3].copy(), rows[:, RATE_DOUBT].copy()
+    _set_long_medians(rows, epochs.rest, usual)
+    if filtered(replace(epochs, values=rows), VEHICLE, sensors, tilt, kinds) == DIVERGED:
         return epochs
+    rows[:, GYRO : GYRO + 3], rows[:, RATE_DOUBT] = kept
     denied = epochs.rest & (kinds == MOVING)
     near = np.convolve(denied, np.ones(2 * WINDOW + 1))[WINDOW:-WINDOW] > 0.0
     rows[:, REST] = np.where(near, MOVING, kinds)
@@ -151,18 +154,16 @@ def drop_lulls(rows: np.ndarray) -> None:
             rows[begin:end, REST] = QUIET
 
 
-def _long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> np.ndarray:
-    """The epochs, each at rest with the median rate of a long window about it, and its doubt.
+def _set_long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> None:
+    """Set the rates of epochs at rest to the medians of a long window about each, and their doubt.
 
     Unlike a mean, a median is not moved by a turn that begins where a rest ends.
     """
-    out = rows.copy()
     for begin, end in runs(still):
         wide = min(LONG_WINDOW, end - begin)
         rate = slice(GYRO, GYRO + 3)
-        out[begin:end, rate] = running_median(rows[begin:end, rate], wide)
-        out[begin:end, RATE_DOUBT] = usual * min(1.0, SWAY_LASTS / wide) + TRANSPORT_RATE**2
-    return out
+        rows[begin:end, rate] = running_median(rows[begin:end, rate], wide)
+        rows[begin:end, RATE_DOUBT] = usual * min(1.0, SWAY_LASTS / wide) + TRANSPORT_RATE**2
 
 
 def _drop_short_turns(rows: np.ndarray, epochs: Epochs, sensors: SensorModel, usual: float) -> None:
