@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
 
-from sinstool.io.readers.batch import FEW, RawBatch
+from sinstool.io.readers.batch import RawBatch
 
 # Topics that are larger together are read again from the log.
 MAX_BYTES = 64 * 2**20
@@ -59,7 +58,8 @@ class SideChannelCache:
             self.channels = frozenset()
             self._empty()
             return
-        self._payload += _payloads(chosen, begins, int(ends[-1])).data
+        places = np.repeat(chosen.offset - begins, chosen.length) + np.arange(ends[-1])
+        self._payload += memoryview(chosen.buffer[places])
         for name, columns in self._columns.items():
             columns.append(size + begins if name == "offset" else getattr(chosen, name).copy())
         self._position = batch.position
@@ -91,24 +91,6 @@ class SideChannelCache:
             part = whole.rows(slice(begin, begin + ROWS))
             if len(chosen := part.select(selection)):
                 yield chosen
-
-
-def _payloads(batch: RawBatch, begins: np.ndarray, size: int) -> np.ndarray:
-    """Payloads of messages, one after the other, from where each is to begin."""
-    lengths = np.unique(batch.length).tolist()
-    if len(lengths) > FEW:
-        places = np.repeat(batch.offset - begins, batch.length) + np.arange(size)
-        return np.asarray(batch.buffer[places])
-    out = np.empty(size, np.uint8)
-    for length in filter(None, lengths):
-        rows = np.flatnonzero(batch.length == length)
-        _windows(out, length)[begins[rows]] = _windows(batch.buffer, length)[batch.offset[rows]]
-    return out
-
-
-def _windows(buffer: np.ndarray, size: int) -> np.ndarray:
-    """The bytes from each place on, so many of them, as a view of the same bytes."""
-    return as_strided(buffer, (len(buffer) - size + 1, size), (1, 1))
 
 
 _COLUMNS = ("channel", "offset", "length", "log_time", "publish_time", "sequence")
