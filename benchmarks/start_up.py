@@ -43,8 +43,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     taken[name].append((cpu, wall))
     rows = []
     for name, runs in taken.items():
-        cpu, wall = [run[0] for run in runs], [run[1] for run in runs]
-        cells = (statistics.median(cpu), min(cpu), statistics.median(wall))
+        cpus, walls = [run[0] for run in runs], [run[1] for run in runs]
+        cells = (statistics.median(cpus), min(cpus), statistics.median(walls))
         rows.append((name, *(f"{seconds:.3f}" for seconds in cells)))
     print(f"{options.runs} runs of each; load {os.getloadavg()[0]:.1f}, {os.cpu_count()} cores\n")
     print_table(("command", "CPU s", "least", "wall s"), rows)
