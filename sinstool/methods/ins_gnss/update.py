@@ -118,10 +118,7 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
     for i in range(n):
         for j in range(n):
             m.old[i, j] = m.p[i, j]
-        for c in range(rows):
-            f = m.gain[c, i]
-            for j in range(n):
-                m.old[i, j] -= f * m.hp[c, j]
+    _take_off(m.gain, m.hp, rows, n, m.old)
     for c in range(rows):
         for i in range(n):
             m.pht[c, i] = 0.0
@@ -132,16 +129,26 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
                     m.pht[c, i] += m.old[i, k] * f
         for i in range(n):
             m.pht[c, i] -= m.gain[c, i] * m.r[c]
-    for i in range(n):
-        for c in range(rows):
-            f = m.pht[c, i]
-            for j in range(n):
-                m.old[i, j] -= f * m.gain[c, j]
+    _take_off(m.pht, m.gain, rows, n, m.old)
     for i in range(n):
         for j in range(i + 1):
             m.p[i, j] = 0.5 * (m.old[i, j] + m.old[j, i])
             m.p[j, i] = m.p[i, j]
     return True
+
+
+@part()
+def _take_off(a: FloatArray, b: FloatArray, rows: int, n: int, out: FloatArray) -> None:
+    """``out -= a^T b``, three rows at a time: short loops take longer to begin than to run."""
+    for i in range(n):
+        for c in range(0, rows - 2, 3):
+            f, g, h = a[c, i], a[c + 1, i], a[c + 2, i]
+            for j in range(n):
+                out[i, j] = out[i, j] - f * b[c, j] - g * b[c + 1, j] - h * b[c + 2, j]
+        for c in range(rows - rows % 3, rows):
+            f = a[c, i]
+            for j in range(n):
+                out[i, j] -= f * b[c, j]
 
 
 @part()
