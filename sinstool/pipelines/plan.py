@@ -18,6 +18,7 @@ from sinstool.config.unused import listed, unused_options
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.finding import Finding
+from sinstool.core.memory import give_back
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -251,6 +252,7 @@ def _mode(
         else:
             reason = "as the log has GNSS fixes, and they show where it starts"
             return Choice("ins-gnss", reason, option), start, ()
+        give_back()
     text = f"attitude alone, as no INS/GNSS solution can be started: {why}"
     reason = "as no INS/GNSS solution can be started"
     return Choice("attitude", reason, option), None, (Finding("no-ins-gnss", text),)

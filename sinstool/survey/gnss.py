@@ -386,16 +386,18 @@ def join(fixes: Gnss | None, velocity: Velocity | None) -> GnssEpochs | None:
         logged = np.concatenate([logged, velocity.log_time_ns[alone]])
         rows = np.concatenate([rows[together], len(fixes) + np.arange(len(alone))])
         velocity = velocity.rows(np.concatenate([partner[together], alone]))
-    position, v, sigma_p, sigma_v = (np.full((len(times), 3), np.nan) for _ in range(4))
+    latitude, longitude, height = (np.full(len(times), np.nan) for _ in range(3))
+    v, sigma_p, sigma_v = (np.full((len(times), 3), np.nan) for _ in range(3))
     if fixes is not None:
         n = len(fixes)
-        position[:n] = np.stack([fixes.latitude, fixes.longitude, fixes.height], axis=1)
+        latitude[:n], longitude[:n], height[:n] = fixes.latitude, fixes.longitude, fixes.height
         sigma_p[:n] = _sigma(fixes.covariance_n, (fixes.covariance_type > 0)[:, None])
     if velocity is not None:
         v[rows] = velocity.velocity_n
         sigma_v[rows] = _sigma(velocity.covariance_n, True)
-    latitude, longitude, height = position.T
     epochs = GnssEpochs(times, logged, latitude, longitude, height, v, sigma_p, sigma_v)
+    if np.all(times[1:] >= times[:-1]):
+        return epochs
     return epochs.rows(np.argsort(times, kind="stable"))
 
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.config.noise import read_noise
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
-from sinstool.methods.allan.coefficients import ImuNoise, over_axes
 from sinstool.methods.sensor_errors import Grade, grade_by_bias, grade_by_noise
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
+
+if TYPE_CHECKING:
+    from sinstool.methods.allan.coefficients import ImuNoise
 
 REST_S = 30.0  # of a rest whose mean is believed
 
@@ -44,7 +46,12 @@ def measured_noise(config: ProcessConfig) -> ImuNoise | None:
         It is no noise file.
     """
     file = config.navigation.imu_noise
-    return None if file is None else read_noise(Path(file))
+    if file is None:
+        return None
+    # The analysis of noise comes with it, which other runs have no need of
+    from sinstool.config.noise import read_noise
+
+    return read_noise(Path(file))
 
 
 def gyro_walk(source: Source, config: ProcessConfig) -> float | None:
@@ -55,7 +62,11 @@ def gyro_walk(source: Source, config: ProcessConfig) -> float | None:
 
 def walk_in(noise: ImuNoise | None) -> float | None:
     """Angular random walk of a noise file, rad/sqrt(s); None where it holds at most a bound."""
-    white = None if noise is None else over_axes(noise.gyro, "white")
+    if noise is None:
+        return None
+    from sinstool.methods.allan.coefficients import over_axes
+
+    white = over_axes(noise.gyro, "white")
     return None if white is None else white.value
 
 

@@ -628,6 +628,22 @@ def test_a_run_imports_only_what_it_uses(tmp_path):
     assert {"sinstool.report.markup", "rosbags.typesys.stores.ros2_dashing"} & set(loaded) == set()
 
 
+def test_a_filter_runs_without_scipy(sinstool, tmp_path):
+    """Importing it takes longer than filtering ten minutes."""
+    log, out = str(tmp_path / "drive.mcap"), str(tmp_path / "out.mcap")
+    assert sinstool("simulate", "drive", "-o", log, "--duration", "200", "--rate", "50")[0] == 0
+    words = ["process", log, "-o", out, "--overwrite", "-q", "--mode", "ins-gnss", "--smooth"]
+    code = (
+        "import sys\nfrom sinstool.cli.main import cli\n"
+        f"cli.main({words!r}, standalone_mode=False)\n"
+        "print('loaded', sorted(sys.modules))"
+    )
+    for _ in range(2):
+        run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    loaded = re.findall(r"'([\w.]+)'", run.stdout.split("loaded ")[1])
+    assert {"scipy", "numba"} & set(loaded) == set()
+
+
 @pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS), ("simulate", "coning")])
 @pytest.mark.parametrize("flag", ["-h", "--help"])
 def test_help(sinstool, command, flag):

@@ -174,3 +174,18 @@ def test_parts_called_from_python_are_kept_too(cache, without_numba):
     assert part()(half)(3.0) == (1.5, True)
     without_numba()
     assert part()(half)(1.0) == (0.5, False)
+
+
+def test_addresses_are_those_that_numpy_gives():
+    whole = np.arange(24.0).reshape(4, 6)
+    locked = np.zeros(5, np.uint8)
+    locked.flags.writeable = False
+    record = np.zeros(3, [("a", "i8"), ("b", "f8", (2, 2))])
+    for array in (whole, whole[1:, 2:], whole[::-2].T, locked[3:], np.empty(0), record["b"]):
+        expected = array.__array_interface__["data"][0]
+        assert machine_code.address(array) == machine_code._asked_address(array) == expected
+
+
+def test_another_python_asks_numpy_for_addresses(monkeypatch):
+    monkeypatch.setattr(machine_code.sys.implementation, "name", "other")
+    assert machine_code._way_to_addresses() is machine_code._asked_address

@@ -67,7 +67,7 @@ class RawBatch:
             keep = np.isin(self.channel, np.fromiter(channels, np.int64, len(channels)))
         if keep.all():
             return self
-        return self.rows(keep)
+        return self.rows(np.flatnonzero(keep))
 
     def rows(self, which: np.ndarray | list[int] | slice) -> RawBatch:
         """Messages by mask, index or slice, in the same buffer."""

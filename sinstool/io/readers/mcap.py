@@ -353,7 +353,7 @@ class McapLog(McapFile):
         if self.salvage and not isinstance(chunk, str) and run_mcap(chunk, 0)[1] < len(chunk):
             chunk = "a record inside a chunk runs over its end"
         if not isinstance(chunk, str):
-            pos, why = 0, FULL
+            pos, why, in_messages = 0, FULL, 0
             while why == FULL:
                 out = np.empty((6, min(ROWS, (len(chunk) - pos) // MIN_MESSAGE + 1)), np.int64)
                 count, pos, why = scan_mcap(chunk, pos, out, False)
@@ -361,9 +361,11 @@ class McapLog(McapFile):
                     what = f"a record inside a chunk runs over its end (at {pos})"
                     self.damage(what, place.offset, "chunk")
                 _add(counts, out[0, :count])
+                in_messages += int(out[2, :count].sum()) + count * MIN_MESSAGE
                 yield batch_of(chunk, out[:, :count], place.offset + place.length)
             self.chunk_counts[place.offset] = counts
-            if self._contradicts(chunk):
+            # Most chunks hold nothing else
+            if in_messages < len(chunk) and self._contradicts(chunk):
                 self.broken.add(place.offset)
         else:
             self.broken.add(place.offset)

@@ -172,7 +172,7 @@ def _scatter(body, place, channel, sequence, log_time, publish_time, buffer, off
             body[p + b] = buffer[o + b]
 
 
-_AHEAD = 16 * 2**20  # bytes taken in but not yet in the file at most
+_AHEAD = 12 * 2**20  # bytes taken in but not yet in the file at most
 _U64 = 2**64 - 1  # times are kept as int64; the bits are what the file holds
 
 

@@ -23,9 +23,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import chdtri
 
 from sinstool.core import earth, rotation
+from sinstool.core.chi_square import upper_point
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import skew
 from sinstool.methods.alignment.gyrocompass_stretches import Record, Stretch, cut
@@ -283,7 +283,7 @@ def _answer(
     warnings = list(record.warnings)
     still_s = sum(s.duration for s in record.stretches if s.still)
     p = run.p
-    if run.chi2 > chdtri(run.freedom, _DOUBT) / run.freedom and not drives:
+    if run.chi2 > upper_point(run.freedom, _DOUBT) / run.freedom and not drives:
         warnings.append(
             "the sensors disagree with gravity and the Earth's rate: squared"
             f" innovations are {run.chi2:.1f} times as large as their errors allow; the"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import median_filter
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
+from sinstool.core.running_median import running_median
 from sinstool.core.timeline import GAP_INTERVALS
 from sinstool.methods.alignment.gate import dynamics, saturated
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
@@ -201,7 +201,7 @@ def noise_level(sigma: FloatArray, interval_s: float) -> FloatArray:
     if not len(sigma) or not interval_s > 0.0 or np.all(sigma == sigma[0]):
         return sigma.copy()
     width = 2 * max(round(LEVEL_S / interval_s), 1) + 1
-    return np.asarray(median_filter(sigma, size=width, mode="reflect"))
+    return running_median(sigma, width)
 
 
 def _span_s(time_ns: IntArray) -> float:

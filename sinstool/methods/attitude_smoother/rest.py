@@ -14,6 +14,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from sinstool.core.earth import EARTH_RATE, SEMI_MAJOR_AXIS
+from sinstool.core.running_median import running_median
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.epochs import (
@@ -53,7 +54,6 @@ SWAYS = 3.0**2
 SWAYS_SLIGHTLY, QUIET_RATE = 1.2, 2e-4
 # The rate over so long is held against the bias: it shows bends that are slower than the sway.
 LONG_WINDOW = 100  # epochs
-MEDIANS_AT_ONCE = 4096
 # What travels turns with the vertical, rad/s.
 TRANSPORT_RATE = FIRST_VELOCITY / SEMI_MAJOR_AXIS
 # Shorter steady times are a lull of the motion, in which a slow acceleration may go on.
@@ -134,9 +134,12 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     rows[sways & (rows[:, REST] > MOVING), REST] = STEADY
     drop_lulls(rows)
     kinds = np.zeros(len(epochs))
-    judged = replace(epochs, values=_long_medians(rows, epochs.rest, usual))
-    if filtered(judged, VEHICLE, sensors, tilt, kinds) == DIVERGED:
+    # In place, as a long log's epochs take much memory
+    kept = rows[:, GYRO : GYRO + 3].copy(), rows[:, RATE_DOUBT].copy()
+    _set_long_medians(rows, epochs.rest, usual)
+    if filtered(replace(epochs, values=rows), VEHICLE, sensors, tilt, kinds) == DIVERGED:
         return epochs
+    rows[:, GYRO : GYRO + 3], rows[:, RATE_DOUBT] = kept
     denied = epochs.rest & (kinds == MOVING)
     near = np.convolve(denied, np.ones(2 * WINDOW + 1))[WINDOW:-WINDOW] > 0.0
     rows[:, REST] = np.where(near, MOVING, kinds)
@@ -151,31 +154,16 @@ def drop_lulls(rows: np.ndarray) -> None:
             rows[begin:end, REST] = QUIET
 
 
-def _long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> np.ndarray:
-    """The epochs, each at rest with the median rate of a long window about it, and its doubt.
+def _set_long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> None:
+    """Set the rates of epochs at rest to the medians of a long window about each, and their doubt.
 
     Unlike a mean, a median is not moved by a turn that begins where a rest ends.
     """
-    out = rows.copy()
     for begin, end in runs(still):
         wide = min(LONG_WINDOW, end - begin)
         rate = slice(GYRO, GYRO + 3)
-        out[begin:end, rate] = _running_median(rows[begin:end, rate], wide)
-        out[begin:end, RATE_DOUBT] = usual * min(1.0, SWAY_LASTS / wide) + TRANSPORT_RATE**2
-    return out
-
-
-def _running_median(values: np.ndarray, wide: int) -> np.ndarray:
-    """Medians of so many rows about each, which are mirrored at both ends.
-
-    Of an even number the larger of the two in the middle. `scipy.ndimage` does the same, but takes
-    longer to import than most logs to smooth.
-    """
-    before = wide // 2
-    padded = np.pad(values, ((before, wide - 1 - before), (0, 0)), "symmetric")
-    windows = sliding_window_view(padded, wide, axis=0)
-    blocks = [windows[k : k + MEDIANS_AT_ONCE] for k in range(0, len(windows), MEDIANS_AT_ONCE)]
-    return np.concatenate([np.partition(block, before, axis=-1)[..., before] for block in blocks])
+        rows[begin:end, rate] = running_median(rows[begin:end, rate], wide)
+        rows[begin:end, RATE_DOUBT] = usual * min(1.0, SWAY_LASTS / wide) + TRANSPORT_RATE**2
 
 
 def _drop_short_turns(rows: np.ndarray, epochs: Epochs, sensors: SensorModel, usual: float) -> None:

@@ -57,6 +57,8 @@ SCALE_BOUNDS = (0.85, 1.15)
 FROZEN_TIME = 30.0
 """s with one and the same value."""
 
+# Rounds of a robust fit at most, and by which, m and m per 100 m, the last changes it.
+_HUBER_ROUNDS, _HUBER_CLOSE = 200, 1e-9
 _EXPONENT = GAS_CONSTANT * LAPSE_RATE / STANDARD_GRAVITY  # 0.190263
 _SCALE = STANDARD_TEMPERATURE / LAPSE_RATE  # 44330.769 m
 _TOP_TEMPERATURE = STANDARD_TEMPERATURE - LAPSE_RATE * TROPOPAUSE
@@ -392,9 +394,6 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
     gnss_height : array_like, shape (n,)
         m.
     """
-    # takes longer to import than all else that reads a barometer
-    from scipy.optimize import least_squares
-
     h = np.asarray(standard_height, dtype=np.float64)
     g = np.asarray(gnss_height, dtype=np.float64)
     centre, level = float(np.median(h)), float(np.median(g))
@@ -404,13 +403,7 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
     found, spread = np.array([0.0, 100.0]), 10.0
     # What is an outlier shows once a line is laid
     for _ in range(2):
-        found = least_squares(
-            lambda u: g - level - u[0] - u[1] * x,
-            x0=found,
-            jac=lambda _: np.stack([-np.ones_like(x), -x], axis=1),
-            loss="huber",
-            f_scale=max(1.345 * spread, 0.1),
-        ).x
+        found = _huber_line(x, g - level, found, max(1.345 * spread, 0.1))
         rest = g - level - found[0] - found[1] * x
         spread = min(1.4826 * float(np.median(np.abs(rest - np.median(rest)))), 10.0)
     scale = float(found[1]) / 100.0
@@ -422,6 +415,29 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
         samples=len(h),
         applied=bool(applied),
     )
+
+
+def _huber_line(x: FloatArray, y: FloatArray, start: FloatArray, limit: float) -> FloatArray:
+    """Offset and slope of a line of which rows further off than a limit count by the distance.
+
+    Least squares with the weights that follow from the last line, until it stays [1]_.
+
+    References
+    ----------
+    .. [1] P. J. Huber, "Robust Statistics", 1981, section 7.8.
+    """
+    found = start
+    for _ in range(_HUBER_ROUNDS):
+        off = np.abs(y - found[0] - found[1] * x)
+        weight = limit / np.maximum(off, limit)
+        whole = weight.sum()
+        mean_x, mean_y = (weight @ x) / whole, (weight @ y) / whole
+        spread = weight @ (x - mean_x) ** 2
+        slope = weight @ ((x - mean_x) * (y - mean_y)) / spread if spread > 0.0 else found[1]
+        before, found = found, np.array([mean_y - slope * mean_x, slope])
+        if np.abs(found - before).max() <= _HUBER_CLOSE:
+            break
+    return found
 
 
 def _standard_height(pressure: ArrayLike) -> FloatArray:

@@ -10,10 +10,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
-from sinstool.core.arrays import IntArray
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
+from sinstool.core.monotone_cubic import integral
+from sinstool.core.parts import kernel
 from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.latency import NOT_OBSERVABLE, Latency, correlate
@@ -68,26 +69,16 @@ def _slopes(
     t: np.ndarray, position: np.ndarray, here: np.ndarray, half: float, sigma_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Slopes of the parabolas about some of the fixes, their sigmas, and which are any good."""
-    n, size = len(t), len(here)
-    moments, right, count = np.zeros((size, 5)), np.zeros((size, 3, 3)), np.zeros(size)
+    size = len(here)
+    moments, right = np.zeros((size, 5)), np.zeros((size, 3, 3))
     squares, reached = np.zeros((size, 3)), np.zeros(size)
-    own, start = t[here], position[here]
-    reach = int(np.max(np.searchsorted(t, own + half, "right") - here))
-    reach = max(reach, int(np.max(here - np.searchsorted(t, own - half))))
-    for step in range(-reach, reach + 1):
-        other = np.clip(here + step, 0, n - 1)
-        away = t[other] - own
-        inside = (here + step == other) & (np.abs(away) <= half)
-        count += inside
-        powers = np.where(inside[:, None], away[:, None] ** np.arange(5), 0.0)
-        moments += powers
-        moved = np.where(inside[:, None], position[other] - start, 0.0)
-        right += powers[:, :3, None] * moved[:, None, :]
-        squares += moved**2
-        reached = np.where(inside, np.maximum(reached, np.abs(away)), reached)
+    _sums(t, position, int(here[0]), half, moments, right, squares, reached)
+    count = moments[:, 0]
     normal = moments[:, np.arange(3)[:, None] + np.arange(3)[None, :]]
     spread = moments[:, 2] > 0.25 * half**2 * LEAST / 3.0
-    good = (count >= LEAST) & spread & (np.linalg.cond(normal + 1e-12 * np.eye(3)) < 1e8)
+    sure = normal + 1e-12 * np.eye(3)
+    condition = _size(sure) * _size(np.linalg.inv(sure))
+    good = (count >= LEAST) & spread & (condition < 1e8)
     normal[~good] = np.eye(3)
     inverse = np.linalg.inv(normal)
     fitted = inverse @ right
@@ -98,6 +89,60 @@ def _slopes(
     bend /= np.where(reached > 0.0, reached, 1.0)[:, None]
     sigma = np.hypot(sigma_m * np.sqrt(np.abs(inverse[:, 1, 1]))[:, None], bend)
     return fitted[:, 1], np.maximum(sigma, LEAST_SIGMA), good
+
+
+def _size(matrices: np.ndarray) -> np.ndarray:
+    """Norm of Frobenius of each."""
+    return np.asarray(np.sqrt(np.einsum("kij,kij->k", matrices, matrices)))
+
+
+@kernel()
+def _sums(
+    t: FloatArray,
+    position: FloatArray,
+    first: int,
+    half: float,
+    moments: FloatArray,
+    right: FloatArray,
+    squares: FloatArray,
+    reached: FloatArray,
+) -> None:
+    """Sums over the fixes about each, for parabolas through them.
+
+    Parameters
+    ----------
+    first : int
+        The fix of row 0.
+    half : float
+        How far before and after, s.
+    moments : ndarray, shape (k, 5)
+        Zeros; set to the sums of the powers of their times from that of the fix.
+    right : ndarray, shape (k, 3, 3)
+        Zeros; set to those of power by way.
+    squares : ndarray, shape (k, 3)
+        Zeros; set to those of the squares of the ways.
+    reached : ndarray, shape (k,)
+        Zeros; set to the longest of the times.
+    """
+    for i in range(len(reached)):
+        own = first + i
+        begin = own
+        while begin > 0 and t[own] - t[begin - 1] <= half:
+            begin -= 1
+        for j in range(begin, len(t)):
+            away = t[j] - t[own]
+            if away > half:
+                break
+            power = 1.0
+            for p in range(5):
+                moments[i, p] += power
+                if p < 3:
+                    for axis in range(3):
+                        right[i, p, axis] += power * (position[j, axis] - position[own, axis])
+                power *= away
+            for axis in range(3):
+                squares[i, axis] += (position[j, axis] - position[own, axis]) ** 2
+            reached[i] = max(reached[i], abs(away))
 
 
 def _half(seconds: np.ndarray, sigma_m: float) -> float:
@@ -125,10 +170,9 @@ def velocity_lag(gnss: GnssEpochs) -> Latency:
     t = (fixes.time_ns - fixes.time_ns[0]) * 1e-9
     usual = float(np.median(np.diff(t)))
     span = min(2.0 * usual, 1.0)
-    way = PchipInterpolator(t, fixes.velocity_n[:, :2]).antiderivative()
     # Down is often known worse than it moves
     fine = np.arange(0.0, t[-1], min(0.02, 0.1 * usual))
-    travelled = np.column_stack([way(fine), np.zeros_like(fine)])
+    travelled = np.column_stack([integral(t, fixes.velocity_n[:, :2], fine), np.zeros_like(fine)])
     longitude = np.unwrap(fixes.longitude)
     north, east = horizontal_metres(
         fixes.latitude - fixes.latitude[0], longitude - longitude[0], fixes.latitude[0]

@@ -21,10 +21,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from sinstool.core import earth
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
+from sinstool.core.bounded_minimum import bounded_minimum
 from sinstool.core.rotation import rotate
 
 LatencyStatus = Literal["found", "at the limit", "not observable"]
@@ -174,10 +174,7 @@ def correlate(
     total = costs @ windows.weight
     best = int(np.argmin(total))
     left, right = grid[max(best - 1, 0)], grid[min(best + 1, count - 1)]
-    minimum = minimize_scalar(
-        windows.cost, bounds=(left, right), method="bounded", options={"xatol": 1e-5}
-    )
-    tau, least = float(minimum.x), float(minimum.fun)
+    tau, least = bounded_minimum(windows.cost, float(left), float(right), 1e-5)
     noise = least / windows.degrees
     h = 0.5 * _GRID_S
     bend = (windows.cost(tau - h) - 2.0 * least + windows.cost(tau + h)) / (h * h)

@@ -171,8 +171,8 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("nu", (ROWS,)),
     ("r", (ROWS,)),
     ("work", (ROWS,)),
-    ("gain", (SIZE, ROWS)),
-    ("pht", (SIZE, ROWS)),
+    ("gain", (ROWS, SIZE)),  # transposed, as is P H^T
+    ("pht", (ROWS, SIZE)),
     ("old", (SIZE, SIZE)),
     ("axes", (3, 3)),  # of a land vehicle in NED, by rows; velocity, rate and force along them
     ("along", (3,)),

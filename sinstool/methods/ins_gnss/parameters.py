@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.chi_square import upper_point
 from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.constraints import LandVehicle
 from sinstool.methods.ins_gnss.settings import Settings, Start
@@ -169,5 +169,8 @@ def loop_parameters(kind: states.FilterKind, settings: Settings) -> dict[str, An
         "gnss_markov": slow,
         "gnss_all": white + slow,
         "channel_gate": CHANNEL_GATE,
-        "gates": [np.inf, *chdtri(np.arange(1, 7), 1.0 - control.gate_probability)],
+        "gates": [
+            np.inf,
+            *(upper_point(rows, 1.0 - control.gate_probability) for rows in range(1, 7)),
+        ],
     }

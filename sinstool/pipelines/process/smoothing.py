@@ -176,6 +176,7 @@ class Smoothing:
         self._conclude(epochs, motion, correction)
         self._turning = steady_turning(epochs) if sensors.bias > LARGE_BIAS else 0.0
         self._unwritten.append(self._diagnostics(epochs, correction))
+        give_back()
 
     def solutions(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
         """Smoothed attitude at every update instant."""

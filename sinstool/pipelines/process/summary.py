@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -14,11 +14,13 @@ from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
-from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
 from sinstool.methods.ins_gnss.withheld import WithheldScore
 from sinstool.pipelines.process.travel import Outages
 from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.grade import ImuGrade
+
+if TYPE_CHECKING:
+    from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.methods.ins_gnss.results import GnssDiagnostics
+
+if TYPE_CHECKING:
+    from sinstool.methods.ins_gnss.results import GnssDiagnostics
 
 # Kept at most, for medians; of a longer run every second one, and so on.
 MOST_SIGMAS = 8192

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import median_filter
 
 from sinstool.core.earth import earth_rate_n
 from sinstool.core.rotation import conjugate, exp, from_euler, log, multiply, rotate
@@ -18,7 +17,7 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 from sinstool.methods.attitude_smoother.model import GRAVITY, HAND, VEHICLE, sensor_model
 from sinstool.methods.attitude_smoother.motion import find_motion
-from sinstool.methods.attitude_smoother.rest import _running_median, confirmed, with_rest
+from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.attitude_smoother.steady import with_steady
 from sinstool.methods.coning.registry import algorithm
@@ -346,11 +345,3 @@ def test_a_lull_of_some_seconds_is_no_stop():
     calm[marked.rest, ACCEL_VARIANCE : ACCEL_VARIANCE + 3] *= 0.1
     stops = with_steady(replace(before, values=calm), marked.rest, VEHICLE, sensors)
     assert np.array_equal(stops.at_rest, before.at_rest)
-
-
-@pytest.mark.parametrize("wide", [1, 2, 7, 100])
-@pytest.mark.parametrize("count", [100, 9000])
-def test_running_medians_are_those_of_scipy(count, wide):
-    values = np.random.default_rng(count + wide).standard_normal((count, 3))
-    expected = median_filter(values, wide, axes=0, mode="reflect")
-    assert np.array_equal(_running_median(values, wide), expected)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import brentq
+from scipy.optimize import brentq, least_squares
 from scipy.stats import norm
 
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
 from sinstool.methods.height.pressure import (
+    _huber_line,
     fit_scale,
     frozen_spans,
     geometric,
@@ -214,3 +215,18 @@ def test_frozen_spans():
     assert frozen_spans(ns(t), p) == [(50 * 10**9, 80 * 10**9)]
     assert len(frozen_spans(ns(t), p, 20.0)) == 3
     assert frozen_spans([], []) == []
+
+
+@pytest.mark.parametrize("outliers", [0, 5, 150])
+@pytest.mark.parametrize("climb", [0.0, 30.0, 3000.0])
+def test_the_line_is_that_of_scipys_least_squares(climb, outliers):
+    random = np.random.default_rng(outliers)
+    x = climb * np.linspace(-0.5, 0.5, 400) / 100.0
+    y = 3.0 + 98.0 * x + random.standard_normal(400)
+    y[random.permutation(400)[:outliers]] += 40.0
+    expected = least_squares(
+        lambda u: y - u[0] - u[1] * x, [0.0, 100.0], loss="huber", f_scale=2.0, xtol=1e-15,
+        ftol=1e-15, gtol=1e-12,
+    ).x  # fmt: skip
+    found = _huber_line(x, y, np.array([0.0, 100.0]), 2.0)
+    np.testing.assert_allclose(found, expected, atol=1e-5)

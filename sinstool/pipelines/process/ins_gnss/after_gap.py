@@ -23,7 +23,7 @@ from sinstool.methods.ins_gnss.results import FilterEvent
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.first_state import find_start
+from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions
 from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.source import Source, part_of
@@ -106,7 +106,9 @@ def start_after_gap(
         # Fixes may return long after the Imu does; those just before show velocities at its end
         valid_ns = first.used.time_ns - round(first.settings.gnss_latency * SECOND)
         after = first.used.rows(valid_ns >= begin_ns - JUST_BEFORE_NS)
-        start, time_ns, how, _ = find_start(part, here, first.settings, after)
+        start, time_ns, how, _ = find_start(
+            part, here, first.settings, StartFixes.of(after, first.settings.gnss)
+        )
     except (AlignmentError, DataError) as exc:
         log_choice("start after a gap", f"none found: {exc}")
         return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,22 +16,48 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.alignment.preparation import rough_fixes
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
-from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.ins_gnss.settings import GnssModel, Settings, Start
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
 from sinstool.pipelines.align.first_attitude import align, in_flight, with_bias_in_motion
 from sinstool.survey.grade import random_walk
 from sinstool.survey.source import Source, rate_blocks
 
 
+@dataclass(frozen=True)
+class StartFixes:
+    """Fixes to start a filter from.
+
+    Attributes
+    ----------
+    gnss : GnssEpochs
+        All of them, with velocities made from positions where the receiver gives none.
+    shown : GnssEpochs
+        Those that an alignment in motion may use.
+    """
+
+    gnss: GnssEpochs
+    shown: GnssEpochs
+
+    @classmethod
+    def of(cls, gnss: GnssEpochs, model: GnssModel) -> StartFixes:
+        """Of the fixes that the filter may use, with such noise."""
+        if gnss.has_velocity.any():
+            return cls(gnss, gnss)
+        gnss = with_velocities(gnss, float(max(model.position_white[:2])))
+        # Where speed changes quickly these are rough, and that is no fault of the receiver
+        sigma = np.sqrt(np.mean(np.square(gnss.sigma_velocity_n), axis=1))
+        return cls(gnss, gnss.rows(~rough_fixes(gnss.time_ns, sigma)))
+
+
 def find_start(
-    source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
+    source: Source, config: ProcessConfig, settings: Settings, fixes: StartFixes
 ) -> tuple[Start, int, str, tuple[str, ...]]:
     """Start of the filter: by the alignment of the options, else by motion.
 
     Parameters
     ----------
-    gnss : GnssEpochs
-        That the filter may use; valid `settings.gnss_latency` before their stamps.
+    fixes : StartFixes
+        Valid `settings.gnss_latency` before their stamps.
 
     Returns
     -------
@@ -55,12 +82,7 @@ def find_start(
         # The sooner the better: a filter cannot wait until a launched vehicle flies calmly.
         options["in_flight"] = config.in_flight.model_copy(update={"gate": "off"})
     config = config.model_copy(update=options)
-    shown = gnss
-    if not gnss.has_velocity.any():
-        gnss = with_velocities(gnss, float(max(settings.gnss.position_white[:2])))
-        # Where speed changes quickly these are rough, and that is no fault of the receiver
-        sigma = np.sqrt(np.mean(np.square(gnss.sigma_velocity_n), axis=1))
-        shown = gnss.rows(~rough_fixes(gnss.time_ns, sigma))
+    gnss, shown = fixes.gnss, fixes.shown
     try:
         method: str = "svd" if config.align.align == "auto" else config.align.align
         if method in IN_FLIGHT:

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
-from scipy.special import chdtri
 
 from sinstool.config import ProcessConfig
+from sinstool.core.chi_square import upper_point
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -26,7 +26,7 @@ from sinstool.survey.source import Source
 SHOWN_NS = 300 * SECOND
 LEAST_EPOCHS = 40
 # Squares beyond this are those of bad fixes, and count as this.
-GATE = float(chdtri(6, 1e-4))
+GATE = upper_point(6, 1e-4)
 # Innovations squared over what was expected: beyond this a grade is doubted.
 DOUBTED = 1.5
 # By how much the likelihood of all epochs must rise for a worse grade, natural units.

@@ -33,7 +33,7 @@ from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.first_state import find_start
+from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
 from sinstool.pipelines.process.ins_gnss.receiver import (
@@ -132,10 +132,11 @@ def _first_latency(
     """
     by_option = config.gnss.gnss_latency
     refused: AlignmentError | None = None
+    fixes = StartFixes.of(gnss, settings.gnss)
     for latency in FIRST_LATENCIES if by_option is None else (by_option,):
         try:
             timed = replace(settings, gnss_latency=latency)
-            return latency, find_start(source, config, timed, gnss)
+            return latency, find_start(source, config, timed, fixes)
         except AlignmentError as exc:
             refused = refused or exc
     assert refused is not None
@@ -183,7 +184,9 @@ def _timed(
         if arm_b is not None:
             x, y, z = arm_b.tolist()
             timed = replace(timed, lever_arm_b=(x, y, z))
-        initial, time_ns, how, notes = find_start(source, here, timed, first.used)
+        initial, time_ns, how, notes = find_start(
+            source, here, timed, StartFixes.of(first.used, timed.gnss)
+        )
         start = replace(
             first,
             settings=timed,
