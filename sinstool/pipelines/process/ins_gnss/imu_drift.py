@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -54,6 +55,8 @@ LOOKS = (0.1, 0.35, 1.0)
 LEAST_WINDOWS = 4
 # A window in which the fixes show less of a way, m and sigmas, shows the Imu at rest.
 LEAST_WAY, LEAST_WAY_SIGMAS = 10.0, 6.0
+# One in each of whose parts they do shows no rest at all; so many of these are enough.
+PARTS, LEAST_DRIVEN = 4, 6
 # Squares of unit normals hardly ever exceed this; and the scatter of their sum.
 MOST_SQUARE = 50.0
 CHANCE = 0.01
@@ -303,12 +306,25 @@ class Drift:
         )
 
     def _moved(self, epochs: GnssDiagnostics, begin: np.ndarray, end: np.ndarray) -> BoolArray:
+        """Windows in which the vehicle goes somewhere; where enough do, those without a stop.
+
+        What shakes a vehicle that stands, an engine or people, is none of the Imu's noise.
+        """
+        times = epochs.time_ns[begin], epochs.time_ns[end]
+        moved = self._goes(*times, LEAST_WAY)
+        steps = np.linspace(*times, PARTS + 1).astype(np.int64)
+        goes = [self._goes(a, b, LEAST_WAY / PARTS) for a, b in pairwise(steps)]
+        drives = moved & np.all(goes, axis=0)
+        return drives if drives.sum() >= LEAST_DRIVEN else moved
+
+    def _goes(self, begin_ns: np.ndarray, end_ns: np.ndarray, least_m: float) -> BoolArray:
+        """Whether fixes show more way from some times to others than their noise may make."""
         gnss = self._start.used
         late = round(self._start.settings.gnss_latency * SECOND)
         placed = np.flatnonzero(gnss.has_position)
         rows = [
             placed[np.clip(np.searchsorted(gnss.time_ns[placed] - late, time), 0, len(placed) - 1)]
-            for time in (epochs.time_ns[begin], epochs.time_ns[end])
+            for time in (begin_ns, end_ns)
         ]
         latitude, longitude = gnss.latitude, gnss.longitude
         north, east = horizontal_metres(
@@ -318,7 +334,7 @@ class Drift:
             gnss.height[rows[0]],
         )
         sigma = np.nan_to_num(gnss.sigma_position_n[rows[0], 0])
-        return np.asarray(np.hypot(north, east) > LEAST_WAY + LEAST_WAY_SIGMAS * sigma)
+        return np.asarray(np.hypot(north, east) > least_m + LEAST_WAY_SIGMAS * sigma)
 
 
 def _of_rest(source: Source, start: FilterStart) -> np.ndarray:

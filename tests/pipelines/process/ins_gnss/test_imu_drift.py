@@ -1,16 +1,19 @@
 """How noisy an Imu is, by its drift where fixes are left out."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 from sinstool.config import ProcessConfig
+from sinstool.core.streams import GnssEpochs
 from sinstool.io.readers import open_log
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.pipelines.plan import make_plan
 from sinstool.pipelines.process.ins_gnss.imu_drift import (
+    LEAST_DRIVEN,
     LOOKS,
     Drift,
     NoiseFactors,
@@ -125,7 +128,6 @@ def test_a_vehicle_that_stands_makes_no_imu_better(tmp_path):
     factors = drift.factors()
     assert min(factors.gyro, factors.accel) >= 1.0
     # it moves for 70 s, of which fixes are left out in three windows at most
-    print(drift._as_graded.moved)
     assert 0 < np.count_nonzero(drift._as_graded.moved) <= 3
 
 
@@ -159,3 +161,22 @@ def test_what_chance_makes_of_one_is_one():
     # more than 1 in one of a hundred
     assert 0 < np.count_nonzero(np.array(found) > 1.0) < 12
     assert windows(9.0, 3).ratio == 1.0 and windows(9.0, 4).ratio > 1.0
+
+
+@pytest.mark.parametrize("driven", [LEAST_DRIVEN - 1, LEAST_DRIVEN])
+def test_windows_with_a_stop_do_not_count_where_enough_have_none(driven):
+    """What shakes a car at a traffic light is none of the Imu's noise."""
+    seconds = np.arange(0.0, 20.0 * (driven + 2) + 1.0)
+    speed = np.where((seconds > 6.0) & (seconds < 12.0), 0.0, 10.0)  # a stop in the first window
+    speed[-21:] = 0.0  # and one that lasts for all of the last
+    north = np.concatenate([[0.0], np.cumsum(speed[1:])])
+    time_ns = np.round(seconds * 1e9).astype(np.int64)
+    place = np.stack([0.8 + north / 6.37e6, 0.0 * north, 0.0 * north], axis=1)
+    sigma = np.full((len(north), 3), 0.05)
+    gnss = GnssEpochs(time_ns, time_ns, *place.T, np.full_like(sigma, np.nan), sigma, sigma)
+    drift = Drift.__new__(Drift)
+    drift._start = SimpleNamespace(used=gnss, settings=SimpleNamespace(gnss_latency=0.0))
+    begin = np.arange(0, 20 * (driven + 2), 20)
+    moved = drift._moved(SimpleNamespace(time_ns=time_ns), begin, begin + 20)
+    assert moved[1:-1].all() and not moved[-1]
+    assert moved[0] == (driven < LEAST_DRIVEN)
