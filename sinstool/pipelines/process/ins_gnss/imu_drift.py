@@ -56,7 +56,7 @@ LEAST_WINDOWS = 4
 # A window in which the fixes show less of a way, m and sigmas, shows the Imu at rest.
 LEAST_WAY, LEAST_WAY_SIGMAS = 10.0, 6.0
 # One in each of whose parts they do shows no rest at all; so many of these are enough.
-PARTS, LEAST_DRIVEN = 4, 6
+PARTS, LEAST_DRIVEN = 10, 6
 # Squares of unit normals hardly ever exceed this; and the scatter of their sum.
 MOST_SQUARE = 50.0
 CHANCE = 0.01
@@ -196,6 +196,7 @@ class Drift:
         self._estimated = config.filter.virtual_noise == "auto"
         self._measured = config.navigation.imu_noise is not None
         self._least = _of_rest(source, start)
+        self._shaken = _shaken_at_rest(source, start)
         parts: list[Increments] = []
         last_ns = start.time_ns
         steps = SegmentIncrements(source, config, algorithm)
@@ -306,12 +307,14 @@ class Drift:
         )
 
     def _moved(self, epochs: GnssDiagnostics, begin: np.ndarray, end: np.ndarray) -> BoolArray:
-        """Windows in which the vehicle goes somewhere; where enough do, those without a stop.
+        """Windows in which the vehicle goes somewhere; those without a stop, where it shakes there.
 
         What shakes a vehicle that stands, an engine or people, is none of the Imu's noise.
         """
         times = epochs.time_ns[begin], epochs.time_ns[end]
         moved = self._goes(*times, LEAST_WAY)
+        if not self._shaken:
+            return moved
         steps = np.linspace(*times, PARTS + 1).astype(np.int64)
         goes = [self._goes(a, b, LEAST_WAY / PARTS) for a, b in pairwise(steps)]
         drives = moved & np.all(goes, axis=0)
@@ -335,6 +338,13 @@ class Drift:
         )
         sigma = np.nan_to_num(gnss.sigma_position_n[rows[0], 0])
         return np.asarray(np.hypot(north, east) > least_m + LEAST_WAY_SIGMAS * sigma)
+
+
+def _shaken_at_rest(source: Source, start: FilterStart) -> bool:
+    """Whether a rest is noisier than the sensors of the settings are."""
+    walks, imu = random_walks(source), start.settings.imu
+    own = np.array([imu.angle_random_walk, imu.velocity_random_walk])
+    return walks is not None and bool(np.any(np.array(walks) > LEAST_CHANGE * own))
 
 
 def _of_rest(source: Source, start: FilterStart) -> np.ndarray:

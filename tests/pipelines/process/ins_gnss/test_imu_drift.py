@@ -163,8 +163,10 @@ def test_what_chance_makes_of_one_is_one():
     assert windows(9.0, 3).ratio == 1.0 and windows(9.0, 4).ratio > 1.0
 
 
-@pytest.mark.parametrize("driven", [LEAST_DRIVEN - 1, LEAST_DRIVEN])
-def test_windows_with_a_stop_do_not_count_where_enough_have_none(driven):
+@pytest.mark.parametrize(
+    ("driven", "shaken"), [(LEAST_DRIVEN - 1, True), (LEAST_DRIVEN, True), (LEAST_DRIVEN, False)]
+)
+def test_windows_with_a_stop_that_shakes_do_not_count_where_enough_have_none(driven, shaken):
     """What shakes a car at a traffic light is none of the Imu's noise."""
     seconds = np.arange(0.0, 20.0 * (driven + 2) + 1.0)
     speed = np.where((seconds > 6.0) & (seconds < 12.0), 0.0, 10.0)  # a stop in the first window
@@ -176,7 +178,8 @@ def test_windows_with_a_stop_do_not_count_where_enough_have_none(driven):
     gnss = GnssEpochs(time_ns, time_ns, *place.T, np.full_like(sigma, np.nan), sigma, sigma)
     drift = Drift.__new__(Drift)
     drift._start = SimpleNamespace(used=gnss, settings=SimpleNamespace(gnss_latency=0.0))
+    drift._shaken = shaken
     begin = np.arange(0, 20 * (driven + 2), 20)
     moved = drift._moved(SimpleNamespace(time_ns=time_ns), begin, begin + 20)
     assert moved[1:-1].all() and not moved[-1]
-    assert moved[0] == (driven < LEAST_DRIVEN)
+    assert moved[0] == (driven < LEAST_DRIVEN or not shaken)
