@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from math import log, sqrt
+from math import cos, log, sin, sqrt
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.earth import SEMI_MAJOR_AXIS
 from sinstool.core.parts import part
 from sinstool.methods.attitude_smoother.epochs import (
     AT_REST,
@@ -51,8 +52,8 @@ from sinstool.methods.products import add_product, product
 # Parameters of a run
 C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_WALK = range(9)
 VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, TRAVEL = 9, 10, 11, 12
-DRIFT, JUDGED_AGAIN, OMEGA = 13, 14, 15
-PARAMETERS = 18
+DRIFT, JUDGED_AGAIN, OMEGA, FOLLOWS = 13, 14, 15, 18
+PARAMETERS = 19
 # At rest the specific force is gravity alone: its noise, and that of a velocity of zero.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
@@ -134,6 +135,16 @@ def rest_kind(
 
 
 @part()
+def _turned(row: FloatArray, x: FloatArray) -> float:
+    """Angle by which an epoch turns about the vertical, rad."""
+    angle = 0.0
+    for j in range(3):
+        down = x[6] * row[JB + j] + x[7] * row[JB + 3 + j] + x[8] * row[JB + 6 + j]
+        angle += down * (row[GYRO + j] - x[B + j])
+    return angle
+
+
+@part()
 def measure(
     row: FloatArray,
     field: FloatArray,
@@ -157,6 +168,15 @@ def measure(
     t = row[DURATION]
     c1 = 0.0 if rest else par[C1]
     c0 = 0.0 if rest else par[C0]
+    # what a level velocity of 1 m/s adds across itself and along
+    across, along = 0.0, c1
+    follows = par[FOLLOWS] > 0.0 and kind != AT_REST
+    if follows:
+        across = 2.0 * par[OMEGA + 2]
+        if not rest:
+            turned = _turned(row, x)
+            across += sin(turned) / t
+            along += (1.0 - cos(turned)) / t
     r = REST_DENSITY if rest else par[DENSITY]
     missed = GRAVITY * STOP_RATE * row[SATURATED]
     variance = r * r / t + missed * missed
@@ -164,8 +184,11 @@ def measure(
     force = felt(x, row, DV, 0.5)
     for i in range(3):
         z = force[i] / t
-        z += c1 * x[V + i]
-        pos = XV + i
+        own, other, pos = c1, c0, XV + i
+        if i < 2 and follows:
+            own, other, pos = along, across if i == 0 else -across, XV + 1 - i
+            z += other * x[V + 1 - i]
+        z += own * x[V + i]
         if n > XP:
             z += c0 * x[P + i]
             pos = XP + i
@@ -175,7 +198,7 @@ def measure(
         elif i == 2:
             z += GRAVITY + x[G]
             first, weight = XG, 1.0
-        left, s = update(p, n, first, weight, XV + i, c1, pos, c0, -z, variance, gain, dx)
+        left, s = update(p, n, first, weight, XV + i, own, pos, other, -z, variance, gain, dx)
         if not (s < 1e8 and abs(left) < 1e4):
             return DIVERGED
         likelihood -= 0.5 * (left * left / s + log(s))
@@ -190,7 +213,16 @@ def measure(
         steady += SWAY_LASTS * max(0.0, row[SWAY_RATE] - row[OWN_RATE])
         rates = _rate_at_rest(row, par, x)
         for i in range(3):
-            update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, rates[i], steady, gain, dx)
+            # what travels turns with the vertical
+            of_east, of_north = 0.0, 0.0
+            if follows:
+                for j in range(3):
+                    of_east += row[JB + 3 * j + i] * x[j]
+                    of_north -= row[JB + 3 * j + i] * x[3 + j]
+                of_east /= t * SEMI_MAJOR_AXIS
+                of_north /= t * SEMI_MAJOR_AXIS
+            z = rates[i] - of_east * x[V + 1] - of_north * x[V]
+            update(p, n, XB + i, 1.0, XV, of_north, XV + 1, of_east, z, steady, gain, dx)
     if len(field):
         measure_heading(field[k], n, x, p, gain, dx)
     return likelihood
@@ -297,6 +329,16 @@ def predict_state(
                 e,
             )
             turn(x, e)
+        if par[FOLLOWS] > 0.0:
+            # a velocity that is known shows how the vertical turns, and the Coriolis acceleration
+            north, east = x[V], x[V + 1]
+            coriolis, curved = 2.0 * par[OMEGA + 2] * t, t / SEMI_MAJOR_AXIS
+            x[V] += coriolis * east
+            x[V + 1] -= coriolis * north
+            f[XV, XV + 1], f[XV + 1, XV] = coriolis, -coriolis
+            rotation_of(-curved * east, curved * north, 0.0, e)
+            turn(x, e)
+            f[0, XV + 1], f[1, XV] = -curved, curved
         f[XV, 1] = -GRAVITY * t
         f[XV + 1, 0] = GRAVITY * t
         f[XV + 2, XG] = t

@@ -16,7 +16,13 @@ from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
-from sinstool.methods.attitude_smoother.model import GRAVITY, LARGE_BIAS, MotionModel, SensorModel
+from sinstool.methods.attitude_smoother.model import (
+    GRAVITY,
+    LARGE_BIAS,
+    VEHICLE,
+    MotionModel,
+    SensorModel,
+)
 from sinstool.methods.attitude_smoother.start import NO_KINDS, Prior, first_state, parameters
 
 NO_PRIOR = Prior()
@@ -120,7 +126,9 @@ def smooth(
     wider = WIDER if sensors.bias > LARGE_BIAS else ()
     for k in range(PASSES):
         before = smoothed
-        model = motion.with_density(motion.density * wider[k]) if k < len(wider) else motion
+        model = (
+            motion if k >= len(wider) else _freed(motion).with_density(motion.density * wider[k])
+        )
         first = _first(epochs, model, sensors, prior, north)
         smoothed = _pass(epochs, model, sensors, first, field, before, covariance)
         begun = before if k else first[0][None]
@@ -145,6 +153,11 @@ def smooth(
         np.sqrt(covariance[:, 9:]),
         accel_bias,
     )
+
+
+def _freed(motion: MotionModel) -> MotionModel:
+    """The model without what a wrong bias would spoil: that a vehicle goes where it points."""
+    return VEHICLE if motion.follows else motion
 
 
 def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:

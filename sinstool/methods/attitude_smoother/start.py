@@ -96,9 +96,11 @@ def parameters(
     """Parameters of the compiled filter, in its order.
 
     The vertical turns as a vehicle travels over the curved Earth (transport rate). As the velocity
-    is bounded, this is a random walk of the tilt in the long run.
+    is bounded, this is a random walk of the tilt in the long run; of a vehicle that goes where it
+    points the velocity is known well enough.
     """
-    travel = 0.0 if motion.c0 else motion.density / (motion.c1 * SEMI_MAJOR_AXIS)
+    known = motion.c0 > 0.0 or motion.follows
+    travel = 0.0 if known else motion.density / (motion.c1 * SEMI_MAJOR_AXIS)
     return np.array(
         [
             motion.c1,
@@ -119,6 +121,7 @@ def parameters(
             # a linearisation so far off may deny rests wrongly: each pass checks them again
             float(sensors.bias > LARGE_BIAS),
             *(np.zeros(3) if omega_in_n is None else omega_in_n),
+            float(motion.follows),
         ]
     )
 

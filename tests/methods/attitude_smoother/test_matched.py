@@ -24,6 +24,7 @@ from sinstool.methods.attitude_smoother.epochs import (
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.model import (
     EPOCH_S,
+    FOLLOWER,
     GRAVITY,
     HAND,
     VEHICLE,
@@ -40,6 +41,7 @@ CASES = {
     "hand": (HAND, SENSORS, 1.0),
     "vehicle": (VEHICLE, SENSORS, 0.1),
     "gentle vehicle": (VEHICLE.with_density(2.0), SENSORS, 0.1),
+    "vehicle that goes where it points": (FOLLOWER, SENSORS, 0.1),
     "hand, bias unknown": (HAND, UNKNOWN_BIAS, 1.0),
     "vehicle, bias unknown": (VEHICLE, UNKNOWN_BIAS, 0.1),
 }
@@ -112,7 +114,7 @@ def one_step(epoch, motion, sensors, x, p):
     return f, q, p, dx
 
 
-@pytest.mark.parametrize("motion", [HAND, VEHICLE], ids=lambda m: m.name)
+@pytest.mark.parametrize("motion", [HAND, VEHICLE, FOLLOWER], ids=["hand", "vehicle", "follower"])
 @pytest.mark.parametrize("rest", [False, True])
 def test_nothing_is_ever_learnt_of_heading(motion, rest):
     log_ = drawn(motion, SENSORS, 30.0, 5, turning=0.5)
