@@ -9,7 +9,7 @@ from sinstool.core.earth import SEMI_MAJOR_AXIS
 from sinstool.core.rotation import conjugate, exp, multiply, rotate, tilt_and_heading
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
-from sinstool.methods.attitude_smoother.epochs import EpochStage
+from sinstool.methods.attitude_smoother.epochs import EpochStage, turns_of_way
 from sinstool.methods.attitude_smoother.model import EPOCH_S, GRAVITY
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 
@@ -75,7 +75,8 @@ def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
     velocity, position = np.empty((count + 1, 3)), np.empty((count + 1, 3))
     velocity[0], position[0] = v, p
     shaken = motion.density / np.sqrt(EPOCH_S) * random.standard_normal((count, 3))
-    turn = rotate(q[:-1], rate)[:, 2].reshape(count, per).sum(axis=1) * dt * motion.follows
+    turn = rotate(q[:-1], rate)[:, 2:].reshape(count, per).sum(axis=1, keepdims=True) * dt
+    turn = turns_of_way(turn)[:, 0] * motion.follows
     for k in range(count):
         if resting[k]:
             v, acceleration[k] = np.zeros(3), 0.0
@@ -100,7 +101,7 @@ def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
         rate**2, axis=1, keepdims=True
     )
     # of NED, as the body goes over the Earth
-    over = np.repeat(velocity[:-1] / SEMI_MAJOR_AXIS * motion.follows, per, axis=0)
+    over = np.repeat(velocity[:-1] / SEMI_MAJOR_AXIS * (motion.c0 == 0.0), per, axis=0)
     earth = np.stack([over[:, 1], -over[:, 0], np.zeros(n)], axis=1)
     gyro = (
         rate

@@ -65,6 +65,10 @@ class MotionModel:
         """In the long run, m^2; 0 without a bound."""
         return self.velocity_variance / self.c0 if self.c0 else 0.0
 
+    def with_velocity(self, variance: float) -> MotionModel:
+        """A vehicle's model with another variance of velocity in the long run, m^2/s^2."""
+        return replace(self, c1=self.density**2 / (2.0 * variance))
+
     def with_density(self, density: float) -> MotionModel:
         """The same bound with another density of acceleration."""
         return replace(self, density=density)

@@ -18,6 +18,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     JB,
     REST,
     SATURATED,
+    TURNED,
     W2,
     Epochs,
 )
@@ -220,7 +221,12 @@ def _merged(epochs: Epochs, length: int) -> Epochs:
     first = np.flatnonzero((number - start) % length == 0)
     rows = epochs.values
     merged = rows[first].copy()
-    for columns in (slice(DURATION, DURATION + 1), slice(DV, DV + 3), slice(JB, SATURATED + 1)):
+    for columns in (
+        slice(DURATION, DURATION + 1),
+        slice(DV, DV + 3),
+        slice(JB, SATURATED + 1),
+        slice(TURNED, TURNED + 3),
+    ):
         merged[:, columns] = np.add.reduceat(rows[:, columns], first, axis=0)
     merged[:, W2] = np.add.reduceat(rows[:, W2], first)
     group = np.repeat(np.arange(len(first)), np.diff(first, append=len(rows)))

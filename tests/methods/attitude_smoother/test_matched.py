@@ -42,6 +42,7 @@ CASES = {
     "vehicle": (VEHICLE, SENSORS, 0.1),
     "gentle vehicle": (VEHICLE.with_density(2.0), SENSORS, 0.1),
     "vehicle that goes where it points": (FOLLOWER, SENSORS, 0.1),
+    "it goes where it points, bias unknown": (FOLLOWER, UNKNOWN_BIAS, 0.1),
     "hand, bias unknown": (HAND, UNKNOWN_BIAS, 1.0),
     "vehicle, bias unknown": (VEHICLE, UNKNOWN_BIAS, 0.1),
 }
@@ -109,7 +110,7 @@ def one_step(epoch, motion, sensors, x, p):
     f, q, scratch = np.empty((n, n)), np.empty((n, n)), np.empty((3, 3))
     par = parameters(motion, sensors)
     x, p = x.copy(), p.copy()
-    filter_step.measure(epoch, NO_FIELD, 0, par, n, x, p, gain, dx, int(epoch[REST]))
+    filter_step.measure(epoch, NO_FIELD, 0, par, n, x, p, gain, dx, f, int(epoch[REST]))
     filter_step.predict_state(epoch, 0.0, par, n, x, f, q, scratch)
     return f, q, p, dx
 
