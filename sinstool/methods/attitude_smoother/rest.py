@@ -60,6 +60,8 @@ TRANSPORT_RATE = FIRST_VELOCITY / SEMI_MAJOR_AXIS
 LULL = 25  # epochs
 # A rest shorter than this share of the longest must have the same rate.
 SHORT_SHARE = 1.0 / 3.0
+# Of what looks like rest for as long as a lull or longer, this must not be refuted.
+LEAST_SHARE = 0.5
 # Rests of one log show one bias, rad/s, and one size of gravity, m/s^2: steady turns show others.
 SAME_BIAS, SAME_FORCE = 0.02, 0.15
 
@@ -114,7 +116,8 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     Epochs
         Refuted epochs, and those within two seconds of one, are moving. Epochs that sway by more
         than noise are at most steady. They are only quiet where they last less than five seconds,
-        or where the tilt leaves room for a steady acceleration.
+        or where the tilt leaves room for a steady acceleration; so is a rest of five seconds that
+        is refuted for more than half of them, and what looked like rest for less than a window.
     """
     if not epochs.rest.any():
         return epochs
@@ -141,6 +144,7 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     near = np.convolve(denied, np.ones(2 * WINDOW + 1))[WINDOW:-WINDOW] > 0.0
     rows[:, REST] = np.where(near, MOVING, kinds)
     drop_lulls(rows)
+    _drop_pieces(rows, epochs.rest)
     return replace(epochs, values=rows)
 
 
@@ -149,6 +153,15 @@ def drop_lulls(rows: np.ndarray) -> None:
     for begin, end in runs(rows[:, REST] == STEADY):
         if end - begin < LULL:
             rows[begin:end, REST] = QUIET
+
+
+def _drop_pieces(rows: np.ndarray, still: np.ndarray) -> None:
+    """Mark rests as quiet that are too little of what looked like one, or of a window."""
+    for begin, end in runs(still):
+        rest = rows[begin:end, REST] == AT_REST
+        share = np.count_nonzero(rest) / (end - begin)
+        if end - begin < WINDOW or (end - begin >= LULL and share < LEAST_SHARE):
+            rows[begin:end, REST][rest] = QUIET
 
 
 def _long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> np.ndarray:
