@@ -156,12 +156,14 @@ def drop_lulls(rows: np.ndarray) -> None:
 
 
 def _drop_pieces(rows: np.ndarray, still: np.ndarray) -> None:
-    """Mark rests as quiet that are too little of what looked like one, or of a window."""
-    for begin, end in runs(still):
-        rest = rows[begin:end, REST] == AT_REST
-        share = np.count_nonzero(rest) / (end - begin)
-        if end - begin < WINDOW or (end - begin >= LULL and share < LEAST_SHARE):
-            rows[begin:end, REST][rest] = QUIET
+    """Mark rests as quiet that are too little of what is quiet, or of a window."""
+    kinds = rows[:, REST]
+    pieces = [(begin, end, np.inf) for begin, end in runs(still) if end - begin < WINDOW]
+    pieces += [(a, b, LEAST_SHARE) for a, b in runs(kinds > MOVING) if b - a >= LULL]
+    for begin, end, least in pieces:
+        rest = kinds[begin:end] == AT_REST
+        if np.mean(rest) < least:
+            kinds[begin:end][rest] = QUIET
 
 
 def _long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> np.ndarray:
