@@ -14,6 +14,7 @@ from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_d
 from sinstool.core.streams import Solution
 from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs
+from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
 from sinstool.methods.attitude_smoother.model import (
@@ -128,7 +129,7 @@ def smooth(
     """
     run = _Run(epochs, sensors, prior, north)
     result = run.converged(motion)
-    if motion.follows and sensors.bias > LARGE_BIAS:
+    if motion.follows and (sensors.bias > LARGE_BIAS or result.likelihood <= DIVERGED):
         # a wrong bias turns the velocity wrongly, which shows the same wrong bias: the likelihood
         # tells where the passes ended
         free = run.converged(_freed(motion))
@@ -188,7 +189,8 @@ class _Run:
             before = near
             near, likelihood = _pass(epochs, model, self.sensors, first, field, before, covariance)
             begun = before if len(before) else first[0][None]
-            if k >= len(wider) and _moved(begun, near[: len(begun)]) < (CLOSE if k else FAR):
+            close = CLOSE if len(before) else FAR
+            if k >= len(wider) and _moved(begun, near[: len(begun)]) < close:
                 fitted = _as_fast(motion, epochs, near, covariance)
                 if fitted is motion or rounds == ROUNDS:
                     break
