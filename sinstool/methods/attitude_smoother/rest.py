@@ -145,6 +145,7 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     rows[:, REST] = np.where(near, MOVING, kinds)
     drop_lulls(rows)
     _drop_pieces(rows, epochs.rest)
+    note_doubt(rows)
     return replace(epochs, values=rows)
 
 
@@ -153,6 +154,21 @@ def drop_lulls(rows: np.ndarray) -> None:
     for begin, end in runs(rows[:, REST] == STEADY):
         if end - begin < LULL:
             rows[begin:end, REST] = QUIET
+
+
+def note_doubt(rows: np.ndarray) -> None:
+    """Set the doubt of the rate where it is quiet but no rest: how much such times differ.
+
+    Slow sway and slow turns last as long as these, so that each shows the bias but once.
+    """
+    rows[:, RATE_DOUBT] = 0.0
+    found = runs((rows[:, REST] > MOVING) & (rows[:, REST] < AT_REST))
+    if len(found) < 2:
+        return
+    rates = np.array([rows[begin:end, GYRO : GYRO + 3].mean(axis=0) for begin, end in found])
+    differ = float(rates.var(axis=0, ddof=1).mean())
+    for begin, end in found:
+        rows[begin:end, RATE_DOUBT] = differ * (end - begin)
 
 
 def _drop_pieces(rows: np.ndarray, still: np.ndarray) -> None:

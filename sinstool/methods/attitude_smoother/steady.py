@@ -33,6 +33,7 @@ from sinstool.methods.attitude_smoother.rest import (
     TRANSPORT_RATE,
     drop_lulls,
     mean_over,
+    note_doubt,
     runs,
 )
 from sinstool.methods.attitude_smoother.smoother import NO_PRIOR, Correction, smooth
@@ -89,6 +90,7 @@ def with_steady(
         return epochs
     values = epochs.values.copy()
     values[short | (kinds == STEADY), REST] = QUIET
+    note_doubt(values)
     alone = values[:, REST].copy()
     rounds = 2 if sensors.accel_bias < GOOD_ACCEL_BIAS else 1
     for _ in range(rounds if long else 0):
@@ -97,6 +99,7 @@ def with_steady(
         values = values.copy()
         values[:, REST] = np.where(doubted & agrees, STEADY, alone)
         drop_lulls(values)
+        note_doubt(values)
     return replace(epochs, values=values)
 
 
