@@ -12,6 +12,9 @@ from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.attitude_smoother.epochs import (
     ACCEL_VARIANCE,
+    AT_REST,
+    MOVING,
+    RATE_DOUBT,
     REST,
     STEADY,
     WAY_TURNS,
@@ -26,8 +29,8 @@ from sinstool.methods.attitude_smoother.model import (
 )
 from sinstool.methods.attitude_smoother.motion import find_motion
 from sinstool.methods.attitude_smoother.rest import _running_median, confirmed, with_rest
-from sinstool.methods.attitude_smoother.smoother import smooth
-from sinstool.methods.attitude_smoother.steady import with_steady
+from sinstool.methods.attitude_smoother.smoother import Correction, smooth
+from sinstool.methods.attitude_smoother.steady import _agrees, with_steady
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.simulation.truth import sample_times, static
@@ -346,18 +349,22 @@ def test_gentle_braking_is_not_steady():
 def test_a_start_at_the_end_of_a_rest_is_not_steady():
     # The mean over all that looks like rest is small, that of its last seconds is not.
     sensors = sensor_model("navigation", walk_at_rest=None, bias_known=False, earth_removed=True)
-    parts = [(20, 0.5, 0.01), (20, -0.5, 0.01), (12, 0, 0), (3, 0.08, 0), (4, 0.16, 0),
-             (20, 0.5, 0.01), (100, 0, 0.02), (20, -0.5, 0.01)]  # fmt: skip
-    solution, q_true = ride(parts, sensors, 5, sway=2e-4)
-    marked = with_rest(epochs_of(solution))
-    starting = np.isin(of_part(parts, marked), (3, 4))
-    assert np.mean(marked.rest[starting]) > 0.9, "else this test shows nothing"
-    after = with_steady(confirmed(marked, sensors), marked.rest, VEHICLE, sensors)
-    assert not np.any(after.values[starting, REST] >= STEADY)
-    found = smooth(after, VEHICLE, sensors).apply(solution)
-    tilt, _ = tilt_error(q_true, found.q_nb)
-    sigma = np.sqrt(np.einsum("nii->ni", found.covariance_attitude_n))[:, :2]
-    assert np.sqrt(np.mean((tilt / sigma) ** 2)) < 1.2
+    solution, _ = ride([(20, 0, 0), (3, 0.08, 0), (4, 0.16, 0)], sensors, 5)
+    epochs = with_rest(epochs_of(solution))
+    assert epochs.rest.all(), "else this test shows nothing"
+    n = len(epochs)
+    level = Correction(
+        epochs.time_ns,
+        q=np.tile([1.0, 0.0, 0.0, 0.0], (n + 1, 1)),
+        turn=np.zeros((n, 3)),
+        gyro_bias=np.zeros((n + 1, 3)),
+        covariance_n=np.tile(0.003**2 * np.eye(3), (n + 1, 1, 1)),
+        gyro_bias_sigma=np.full((n + 1, 3), 1e-6),
+        accel_bias=sensors.accel_bias,
+    )
+    agrees = _agrees(epochs, epochs.rest, sensors, level)
+    assert np.mean(agrees[:80]) > 0.95
+    assert not agrees[-15:].any()
 
 
 FLIGHT = [(60, 0, 0), (100, 0, 0.02), (80, 0, 0), (60, 0.4, 0), (120, 0, -0.015), (180, 0, 0)]
@@ -391,6 +398,23 @@ def test_an_axis_that_wobbles_is_not_the_way(monkeypatch):
         tilt, _ = tilt_error(q_true, found.q_nb)
         off.append(np.degrees(np.abs(tilt).max()))
     assert off[0] < 0.8 and off[1] > 2.0 * off[0]
+
+
+def test_slow_sway_does_not_show_the_bias_of_a_good_gyro():
+    # Within each piece that looks steady the sway is smaller than how much their mean rates differ.
+    sensors = sensor_model("tactical", walk_at_rest=None, bias_known=False, earth_removed=True)
+    random = np.random.default_rng(9)
+    parts = [(9, 0, rate) for rate in 5e-4 * random.standard_normal(6)]
+    parts = [one for part in parts for one in (part, (20, 0.3, 0.02), (20, -0.3, -0.02))]
+    solution, _ = ride(parts, sensors, 9, first_speed=8.0, sway=1e-4)
+    marked = with_rest(epochs_of(solution))
+    after = with_steady(confirmed(marked, sensors), marked.rest, VEHICLE, sensors)
+    kinds = after.values[:, REST]
+    quiet = (kinds > MOVING) & (kinds < AT_REST)
+    assert quiet.any(), "else this test shows nothing"
+    assert np.all(after.values[quiet, RATE_DOUBT] > 1e-8)
+    found = smooth(after, VEHICLE, sensors)
+    assert np.abs(found.gyro_bias).max() < 3.0 * found.gyro_bias_sigma.max()
 
 
 def test_a_lull_of_some_seconds_is_no_stop():
