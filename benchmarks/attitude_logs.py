@@ -11,7 +11,9 @@ field in body axes added, as iron beside the sensor adds it: root mean square of
 the reference's north as it is.
 
 The logs are not part of the project; see `--data`. References of vehicles are their receivers' or
-autopilots' own, and not the truth: what is constant between the two sensors' axes is fitted.
+autopilots' own, and not the truth: what is constant between the two sensors' axes is fitted. Cars
+with GNSS are held against this tool's own INS/GNSS too, smoothed, whose tilt GNSS velocities show;
+so are the references of their receivers.
 
 python benchmarks/attitude_logs.py --data ../shared/data
 python benchmarks/attitude_logs.py --data ../shared/data --only broad --lag 0.004
@@ -58,6 +60,7 @@ from sinstool.survey.source import imu_blocks, prepare
 
 DOWN = np.array([0.0, 0.0, 1.0])
 IRON = (15.0, 10.0, -8.0)  # uT, FRD
+THINNED = 10  # samples of INS/GNSS, of which each is held against one
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,8 @@ class Reference:
         Of the reference: FLU in a world with z up, or FRD in NED.
     mounted : bool
         Whether both have the same axes; else what is constant between them is fitted.
+    gnss : bool
+        Whether the log has fixes too. A log without another reference has an empty one.
     """
 
     name: str
@@ -83,8 +88,10 @@ class Reference:
     axes: str = "flu"
     world: str = "flu"
     mounted: bool = True
+    gnss: bool = False
 
 
+CONSUMER = Reference("car, consumer IMU", "rtk_drive/rtk_drive_mems_100hz", "", gnss=True)
 VEHICLES = (
     Reference("EuRoC V1_01, drone", "euroc/euroc_V1_01_easy", ".ref_corrected.csv", mounted=False),
     Reference(
@@ -94,6 +101,7 @@ VEHICLES = (
         60.0,
         world="frd",
         mounted=False,
+        gnss=True,
     ),
     Reference(
         "car, stop and go",
@@ -102,6 +110,7 @@ VEHICLES = (
         210.0,
         world="frd",
         mounted=False,
+        gnss=True,
     ),
     Reference(
         "PX4 2016, multicopter",
@@ -171,7 +180,7 @@ def configured(attitude: str, axes: str) -> ProcessConfig:
     return build(
         ProcessConfig,
         {
-            "input": {"gnss_topic": "none", "body_axes": axes},
+            "input": {"gnss_topic": "none", "velocity_topic": "none", "body_axes": axes},
             "navigation": {"mode": "attitude", "attitude": attitude, "magnetometer": "none"},
             "output": {"world": "enu" if axes == "flu" else "ned"},
         },
@@ -196,8 +205,17 @@ HEAD = (
 
 def held_against(path: Path, reference: Reference, late_s: float) -> list[Errors]:
     """Errors of every method on a log."""
+    return compared(path, reference, of_reference(path, reference, late_s))
+
+
+def of_reference(path: Path, reference: Reference, late_s: float = 0.0) -> Attitudes:
+    """What a reference says, from when it is sound."""
     file = path.with_name(path.name.removesuffix(".mcap") + reference.reference)
-    true = read_reference(file, reference.world, reference.settle_s, late_s)
+    return read_reference(file, reference.world, reference.settle_s, late_s)
+
+
+def compared(path: Path, reference: Reference, true: Attitudes) -> list[Errors]:
+    """Errors of every method on a log, the mount fitted where it has to be."""
     found = []
     for method in methods(path, reference.axes):
         one, theirs = method(), true
@@ -267,6 +285,33 @@ def vehicles(data: Path) -> None:
         if (data / f"{one.path}.mcap").exists()
     )
     print_table(HEAD, rows, "Vehicles, inclination in deg, the constant mount of each fitted")
+
+
+def by_gnss(data: Path) -> None:
+    """Cars with GNSS, against this tool's own INS/GNSS."""
+    notes = []
+
+    def rows() -> Iterator[tuple[str, ...]]:
+        for one in (*VEHICLES, CONSUMER):
+            path = data / f"{one.path}.mcap"
+            if not (one.gnss and path.exists()):
+                continue
+            config = {"input": {"body_axes": one.axes}, "filter": {"smooth": True}}
+            navigation = {"navigation": {"mode": "ins-gnss"}}
+            ins = ours(path, build(ProcessConfig, config | navigation))[0]
+            true = Attitudes(ins.time_ns[::THINNED], ins.q_nb[::THINNED])
+            if one.reference:
+                theirs = of_reference(path, one)
+                true = true.rows(true.time_ns >= theirs.time_ns[0])
+                mounted = multiply(theirs.q_nb, fitted_mount(ins, theirs))
+                apart = errors(ins, replace(theirs, q_nb=mounted))
+                notes.append(f"{one.name}: {rms_deg(apart.inclination):.2f} deg")
+            yield row(one.name, compared(path, replace(one, mounted=False), true))
+
+    title = "Cars against INS/GNSS, smoothed, inclination in deg, the constant mount of each fitted"
+    print_table(HEAD, rows(), title)
+    if notes:
+        print("receivers' own attitude against INS/GNSS: " + "; ".join(notes))
 
 
 # --- with a magnetometer ----------------------------------------------------------------------
@@ -355,6 +400,7 @@ def main() -> None:
             with_magnetometer(args.data, args.lag, iron)
     if args.only in (None, "vehicles"):
         vehicles(args.data)
+        by_gnss(args.data)
 
 
 if __name__ == "__main__":

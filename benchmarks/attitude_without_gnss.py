@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -70,6 +71,11 @@ REST_S = 5.0  # at the beginning, that gives tilt and bias
 GRAVITY_SHOWN_S = 1.0  # where there is none
 LARGEST_SCATTER = 0.3  # m/s^2
 LARGEST_TURN = 1e-5  # rad, by the truth: what sways, as a buoy does, does not show its bias
+
+
+# Beyond these the verdict counts a tilt over that of integration, and a squared error over its
+# covariance.
+WORSE, FAR_OFF = 1.1, 2.0
 
 
 @dataclass(frozen=True)
@@ -184,12 +190,32 @@ def others(imu: Imu) -> Iterator[tuple[str, FloatArray]]:
     yield "imufusion", imufusion(imu).q_nb
 
 
-def rows(kind: str, grade: Grade, args: argparse.Namespace) -> Iterator[tuple[str, ...]]:
-    """Rows of the table: each method over all seeds."""
+# Each grade flies the same ways
+flown = lru_cache(maxsize=10)(trajectory)
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """One seed of a motion and a grade: the smoothed attitude and that of integration alone."""
+
+    name: str
+    smoothed: Score
+    alone: Score
+
+    @property
+    def ratio(self) -> float:
+        """Tilt of the smoothed attitude over that of integration."""
+        return self.smoothed.tilt / self.alone.tilt
+
+
+def rows(
+    kind: str, grade: Grade, args: argparse.Namespace, cells: list[Cell]
+) -> Iterator[tuple[str, ...]]:
+    """Rows of the table: each method over all seeds; adds the cells."""
     found: dict[str, list[Score]] = {}
     notes: list[str] = []
     for seed in range(args.first_seed, args.first_seed + args.seeds):
-        flight = trajectory(kind, seed, args.minutes or None)
+        flight = flown(kind, seed, args.minutes or None)
         imu = with_errors(flight.imu, SENSORS[grade], seed + 1000)
         gyro, accel = imu.gyro_mean_rate, imu.mean_specific_force
         start = begin(flight, gyro, accel)
@@ -206,9 +232,10 @@ def rows(kind: str, grade: Grade, args: argparse.Namespace) -> Iterator[tuple[st
         if args.others:
             for name, q in others(Imu(flight.time_ns, flight.time_ns, gyro, accel)):
                 found.setdefault(name, []).append(score(flight, q))
+        cells.append(Cell(f"{kind} {grade} {seed}", one, plain))
         if args.each:
-            cells = numbers([one.tilt, plain.tilt, one.heading, plain.heading, one.nees], ".4f")
-            print(f"    {kind} {grade} {seed}: {cells} {notes[-1]}", flush=True)
+            each = numbers([one.tilt, plain.tilt, one.heading, plain.heading, one.nees], ".4f")
+            print(f"    {cells[-1].name}: {each} {notes[-1]}", flush=True)
     for name, scores in found.items():
         ours = name in ("smoother", "integration")
         yield (
@@ -232,6 +259,21 @@ HEAD = (
 )  # fmt: skip
 
 
+def verdict(cells: list[Cell]) -> None:
+    """Print how many cells are worse than integration, and how many beyond their sigmas."""
+    worse = [one for one in cells if one.ratio > WORSE]
+    unsure = [one for one in cells if (one.smoothed.nees or 0.0) > FAR_OFF]
+    print(
+        f"\n{len(cells)} cells: {len(worse)} worse than integration by more than"
+        f" {WORSE - 1.0:.0%}, {len(unsure)} with a NEES above {FAR_OFF:g}"
+    )
+    for one in sorted({*worse, *unsure}, key=lambda one: one.name):
+        print(
+            f"    {one.name}: {one.smoothed.tilt:.4f} deg, integration {one.alone.tilt:.4f},"
+            f" NEES {one.smoothed.nees:.2f}"
+        )
+
+
 def main() -> None:
     options = parser(__doc__, seeds=4, first_seed=0, minutes=0.0)
     options.add_argument(
@@ -244,10 +286,17 @@ def main() -> None:
     options.add_argument("--alone", dest="others", action="store_false", help="no other packages")
     options.add_argument("--each", action="store_true", help="a line for each seed")
     args = options.parse_args()
+    cells: list[Cell] = []
     print_table(
         HEAD,
-        (row for kind in args.kinds for grade in args.grades for row in rows(kind, grade, args)),
+        (
+            row
+            for kind in args.kinds
+            for grade in args.grades
+            for row in rows(kind, grade, args, cells)
+        ),
     )
+    verdict(cells)
 
 
 if __name__ == "__main__":

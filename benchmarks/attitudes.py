@@ -26,6 +26,10 @@ class Attitudes:
     q_nb: FloatArray
     covariance_n: FloatArray | None = None
 
+    def rows(self, which: np.ndarray) -> Attitudes:
+        """Some of them, without covariances."""
+        return Attitudes(self.time_ns[which], self.q_nb[which])
+
     def at(self, times: np.ndarray) -> FloatArray:
         """q_nb at instants within."""
         return at_times(self.time_ns, self.q_nb, times)

@@ -24,8 +24,9 @@ MOVING_M_S = 1.0
 MOVING_M = 30.0
 SIGMAS = 4.0
 UNKNOWN_SIGMA_M = 5.0  # of a fix without its own sigma
-# Epochs beside a span at the log's end that has none of its own.
-BESIDE = 10
+# Epochs beside a span at the log's end that has none of its own, and how far in time, s, the
+# nearest of them may be.
+BESIDE, BESIDE_S = 10, 60.0
 # Rests shorter than this say little of a bias, s.
 REST_S = 2.0
 # Fixes this far apart show a speed, s.
@@ -72,13 +73,16 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     ----------
     gnss : GnssEpochs or None
         Where it is silent in the span, the epochs before and after tell by their distance; at
-        the log's ends those of one side by their speed.
+        the log's ends those of one side by their speed, if they are near in time.
     """
     if gnss is None:
         return None
     begin, end = np.searchsorted(gnss.time_ns, [start_ns, end_ns + 1])
     if end - begin < 2:
-        more = 1 if begin > 0 and end < len(gnss) else BESIDE
+        between = begin > 0 and end < len(gnss)
+        if not between and not _near(gnss, start_ns, end_ns):
+            return None
+        more = 1 if between else BESIDE
         begin, end = max(begin - more, 0), end + more
     inside = gnss.rows(slice(begin, end))
     fast = inside.rows(inside.has_velocity)
@@ -100,6 +104,12 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     noise = SIGMAS * _usual(fixed.sigma_position_n, UNKNOWN_SIGMA_M)
     way = speed * float(time[-1])
     return speed if way > max(MOVING_M, noise) and speed > MOVING_M_S else None
+
+
+def _near(gnss: GnssEpochs, start_ns: int, end_ns: int) -> bool:
+    """Whether the last epoch before a span, or the first after it, is near in time."""
+    apart = max(start_ns - int(gnss.time_ns[-1]), int(gnss.time_ns[0]) - end_ns)
+    return apart <= BESIDE_S * SECOND
 
 
 def longest_rest(spans: Iterable[StillSpan], gnss: GnssEpochs | None) -> StillSpan | None:

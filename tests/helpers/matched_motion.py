@@ -5,10 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from sinstool.core.earth import SEMI_MAJOR_AXIS
 from sinstool.core.rotation import conjugate, exp, multiply, rotate, tilt_and_heading
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
-from sinstool.methods.attitude_smoother.epochs import EpochStage
+from sinstool.methods.attitude_smoother.epochs import EpochStage, turns_of_way
 from sinstool.methods.attitude_smoother.model import EPOCH_S, GRAVITY
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 
@@ -74,11 +75,14 @@ def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
     velocity, position = np.empty((count + 1, 3)), np.empty((count + 1, 3))
     velocity[0], position[0] = v, p
     shaken = motion.density / np.sqrt(EPOCH_S) * random.standard_normal((count, 3))
+    turn = rotate(q[:-1], rate)[:, 2:].reshape(count, per).sum(axis=1, keepdims=True) * dt
+    turn = turns_of_way(turn)[:, 0] * motion.follows
     for k in range(count):
         if resting[k]:
             v, acceleration[k] = np.zeros(3), 0.0
         else:
             acceleration[k] = shaken[k] - motion.c1 * v - motion.c0 * p
+            acceleration[k] += (rotate(exp([0.0, 0.0, turn[k]]), v) - v) / EPOCH_S
         p = p + v * EPOCH_S + 0.5 * acceleration[k] * EPOCH_S**2
         v = v + acceleration[k] * EPOCH_S
         velocity[k + 1], position[k + 1] = v, p
@@ -96,7 +100,15 @@ def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
     spread = sensors.angle_random_walk**2 + sensors.rate_error**2 * np.sum(
         rate**2, axis=1, keepdims=True
     )
-    gyro = rate + bias + np.sqrt(spread / dt) * random.standard_normal((n, 3))
+    # of NED, as the body goes over the Earth
+    over = np.repeat(velocity[:-1] / SEMI_MAJOR_AXIS * (motion.c0 == 0.0), per, axis=0)
+    earth = np.stack([over[:, 1], -over[:, 0], np.zeros(n)], axis=1)
+    gyro = (
+        rate
+        + rotate(conjugate(middle), earth)
+        + bias
+        + np.sqrt(spread / dt) * random.standard_normal((n, 3))
+    )
     integrated = turned(q_first, gyro, dt)
     solution = solution_of(dt, integrated, gyro, force)
     at = np.arange(n + 1) // per

@@ -25,3 +25,12 @@ def test_a_rest_within_an_outage_between_two_drives():
     away = np.concatenate([np.arange(-600.0, 0.0, 10.0), np.arange(0.0, 600.0, 10.0)])
     time_ns = np.concatenate([np.arange(0, 60), np.arange(400, 460)]) * SECOND
     assert moving_at(straight(time_ns, away=away), 100 * SECOND, 350 * SECOND) is None
+
+
+def test_a_rest_minutes_after_the_last_fix_is_not_refuted():
+    """A run that needs GNSS only where the log begins has read no more of it."""
+    driving = straight(np.arange(0, 130) * SECOND, 10.0)
+    assert moving_at(driving, 140 * SECOND, 240 * SECOND) is not None
+    assert moving_at(driving, 390 * SECOND, 490 * SECOND) is None
+    late = driving.rows(driving.time_ns > 120 * SECOND)
+    assert moving_at(late, 0, 30 * SECOND) is None

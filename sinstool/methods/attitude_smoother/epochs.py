@@ -26,13 +26,16 @@ DP: Any
 DV, DP = map(np.int64, (2, 5))
 GYRO, ACCEL, GYRO_VARIANCE, ACCEL_VARIANCE, COUNT = 20, 23, 26, 29, 32
 OWN_RATE, SWAY_RATE, SWAY_FORCE, RATE_DOUBT = 33, 34, 35, 36
-WIDTH = 37
+TURNED: Any = np.int64(37)
+WIDTH = 40
 # What an epoch is. It does not turn where it is quiet, nor accelerate where it is steady, nor move
 # at rest.
 MOVING, QUIET, STEADY, AT_REST = range(4)
 # Three samples on end at the largest rate of an axis are a gyro at its stop.
 STOP_RUN = 3
 STOP_SHARE = 0.997
+# A vehicle's way turns with its axes as a mean over so many epochs, which their wobble is not in.
+WAY_TURNS = 25
 # A turn as long and as fast as this (s, rad/s) looks like a gyro's bias, unless a rest shows that.
 TURN_S, TURN_RATE = 30.0, 0.01
 
@@ -52,7 +55,8 @@ class Epochs:
         (see `rest`); in body axes means and variances of rate against NED and specific force; how
         many samples; at rest, the variance of an axis' mean rate by its noise, and those of the
         mean rate and the mean specific force from epoch to epoch; where a rest is to be confirmed,
-        how far sway may have left the mean rate from the bias, as a variance.
+        how far sway may have left the mean rate from the bias, as a variance; in navigation axes
+        the angle turned (rad), a mean over `WAY_TURNS` epochs.
     omega_in_n : ndarray, shape (3,)
         What the integration took for the rate of NED, rad/s.
     """
@@ -163,9 +167,30 @@ class EpochStage:
             rows.append(row[None, :])
             ends.append(np.array([self._state[4]]))
         values = np.concatenate(rows) if rows else np.empty((0, WIDTH))
+        _note_turns(values)
         seconds = np.concatenate([[0.0], *ends])
         times = (self._origin or 0) + np.rint(seconds * SECOND).astype(np.int64)
         return Epochs(times, values, self._omega_in_n)
+
+
+def _note_turns(values: FloatArray) -> None:
+    """Set the angles turned, without what is back within some seconds."""
+    turned = values[:, JB : JB + 9].reshape(-1, 3, 3)
+    angle = np.einsum("nij,nj->ni", turned, values[:, GYRO : GYRO + 3])
+    piece = np.cumsum(values[:, GAP] > 0.0)
+    for rows in np.split(np.arange(len(values)), np.flatnonzero(np.diff(piece)) + 1):
+        values[rows, TURNED : TURNED + 3] = turns_of_way(angle[rows])
+
+
+def turns_of_way(angle: FloatArray) -> FloatArray:
+    """Angles turned in epochs on end as means over `WAY_TURNS`, shape (n, m): a vehicle's way."""
+    wide = min(WAY_TURNS, len(angle))
+    if not wide:
+        return angle
+    before = wide // 2
+    padded = np.pad(angle, ((before, wide - 1 - before), (0, 0)), "symmetric")
+    sums = np.cumsum(np.vstack([np.zeros(angle.shape[1]), padded]), axis=0)
+    return np.asarray((sums[wide:] - sums[:-wide]) / wide)
 
 
 @part()

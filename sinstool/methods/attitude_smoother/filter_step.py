@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from math import log, sqrt
+from math import cos, log, sin, sqrt
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.earth import SEMI_MAJOR_AXIS
 from sinstool.core.parts import part
 from sinstool.methods.attitude_smoother.epochs import (
     AT_REST,
@@ -23,6 +24,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     STEADY,
     SWAY_FORCE,
     SWAY_RATE,
+    TURNED,
     W2,
 )
 from sinstool.methods.attitude_smoother.heading_update import measure_heading
@@ -45,13 +47,14 @@ from sinstool.methods.attitude_smoother.state import (
     rotation_of,
     turn,
     update,
+    update_row,
 )
 from sinstool.methods.products import add_product, product
 
 # Parameters of a run
 C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_WALK = range(9)
-VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, TRAVEL = 9, 10, 11, 12
-DRIFT, JUDGED_AGAIN, OMEGA = 13, 14, 15
+VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, DRIFT, JUDGED_AGAIN = 9, 10, 11, 12, 13
+OMEGA, FOLLOWS = 14, 17
 PARAMETERS = 18
 # At rest the specific force is gravity alone: its noise, and that of a velocity of zero.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
@@ -134,6 +137,17 @@ def rest_kind(
 
 
 @part()
+def _turned(row: FloatArray, x: FloatArray, slope: FloatArray) -> float:
+    """Angle by which an epoch turns about the vertical, rad; derivatives by the bias in `slope`."""
+    angle = 0.0
+    for j in range(3):
+        down = x[6] * row[JB + j] + x[7] * row[JB + 3 + j] + x[8] * row[JB + 6 + j]
+        angle += x[6 + j] * row[TURNED + j] - down * x[B + j]
+        slope[XB + j] = -down
+    return angle
+
+
+@part()
 def measure(
     row: FloatArray,
     field: FloatArray,
@@ -144,12 +158,13 @@ def measure(
     p: FloatArray,
     gain: FloatArray,
     dx: FloatArray,
+    half: FloatArray,
     kind: int,
 ) -> float:
     """Measurement updates of `dx` and `p` by epoch k: specific force, rest, heading.
 
-    Returns the log likelihood of the specific force, 0 at rest; `DIVERGED` where the filter
-    diverged.
+    `gain` and `half` are arrays to work in. Returns the log likelihood of the specific force, 0 at
+    rest; `DIVERGED` where the filter diverged.
     """
     if row[GAP] > 0.0:
         return 0.0
@@ -157,6 +172,20 @@ def measure(
     t = row[DURATION]
     c1 = 0.0 if rest else par[C1]
     c0 = 0.0 if rest else par[C0]
+    travels = n == XP and kind != AT_REST
+    # what a level velocity of 1 m/s adds along itself and across it, and how both grow with a turn
+    along, across = c1, 0.0
+    along_more, across_more = 0.0, 0.0
+    slope, by_bias = half[0], half[1]
+    if travels:
+        across = 2.0 * par[OMEGA + 2]
+        if par[FOLLOWS] > 0.0 and not rest:
+            turned = _turned(row, x, by_bias)
+            for j in range(n):
+                slope[j] = 0.0
+            along_more, across_more = sin(turned) / t, cos(turned) / t
+            along += (1.0 - across_more * t) / t
+            across += along_more
     r = REST_DENSITY if rest else par[DENSITY]
     missed = GRAVITY * STOP_RATE * row[SATURATED]
     variance = r * r / t + missed * missed
@@ -164,8 +193,12 @@ def measure(
     force = felt(x, row, DV, 0.5)
     for i in range(3):
         z = force[i] / t
-        z += c1 * x[V + i]
-        pos = XV + i
+        own, other, pos = c1, c0, XV + i
+        if i < 2 and travels:
+            side = 1.0 if i == 0 else -1.0
+            own, other, pos = along, side * across, XV + 1 - i
+            z += other * x[V + 1 - i]
+        z += own * x[V + i]
         if n > XP:
             z += c0 * x[P + i]
             pos = XP + i
@@ -175,7 +208,15 @@ def measure(
         elif i == 2:
             z += GRAVITY + x[G]
             first, weight = XG, 1.0
-        left, s = update(p, n, first, weight, XV + i, c1, pos, c0, -z, variance, gain, dx)
+        if i < 2 and across_more != 0.0:
+            grows = along_more * x[V + i] + side * across_more * x[V + 1 - i]
+            for j in range(3):
+                slope[XB + j] = grows * by_bias[XB + j]
+            slope[first], slope[XV + i], slope[pos] = weight, own, other
+            left, s = update_row(p, n, slope, -z, variance, gain, dx)
+            slope[first] = 0.0
+        else:
+            left, s = update(p, n, first, weight, XV + i, own, pos, other, -z, variance, gain, dx)
         if not (s < 1e8 and abs(left) < 1e4):
             return DIVERGED
         likelihood -= 0.5 * (left * left / s + log(s))
@@ -188,6 +229,9 @@ def measure(
     if kind != MOVING:
         steady = par[ZERO_RATE] ** 2 + row[OWN_RATE] + row[RATE_DOUBT]
         steady += SWAY_LASTS * max(0.0, row[SWAY_RATE] - row[OWN_RATE])
+        if travels:
+            # it turns with the vertical, so a level velocity looks like a bias for as long
+            steady += SWAY_LASTS * par[VELOCITY_VARIANCE] / SEMI_MAJOR_AXIS**2
         rates = _rate_at_rest(row, par, x)
         for i in range(3):
             update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, rates[i], steady, gain, dx)
@@ -197,10 +241,19 @@ def measure(
 
 
 @part()
-def correct(near: FloatArray, k: int, x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
-    """Add the estimated error to the state, or replace the state by that of an earlier pass."""
+def correct(
+    near: FloatArray, k: int, x: FloatArray, dx: FloatArray, n: int, kind: int, e: FloatArray
+) -> None:
+    """Add the estimated error to the state, or replace the state by that of an earlier pass.
+
+    Where a vehicle comes to rest its estimated velocity may be wrong by tens of m/s. That times the
+    correction of attitude is no velocity of a vehicle at rest: it would refute the rest.
+    """
     if len(near) == 0:
+        a, b, c = x[V] + dx[XV], x[V + 1] + dx[XV + 1], x[V + 2] + dx[XV + 2]
         inject(x, dx, n, e)
+        if kind == AT_REST:
+            x[V], x[V + 1], x[V + 2] = a, b, c
         for m in range(n):
             dx[m] = 0.0
     else:
@@ -297,6 +350,16 @@ def predict_state(
                 e,
             )
             turn(x, e)
+        if n == XP:
+            # a velocity that is known shows how the vertical turns, and the Coriolis acceleration
+            north, east = x[V], x[V + 1]
+            coriolis, curved = 2.0 * par[OMEGA + 2] * t, t / SEMI_MAJOR_AXIS
+            x[V] += coriolis * east
+            x[V + 1] -= coriolis * north
+            f[XV, XV + 1], f[XV + 1, XV] = coriolis, -coriolis
+            rotation_of(-curved * east, curved * north, 0.0, e)
+            turn(x, e)
+            f[0, XV + 1], f[1, XV] = -curved, curved
         f[XV, 1] = -GRAVITY * t
         f[XV + 1, 0] = GRAVITY * t
         f[XV + 2, XG] = t
@@ -305,8 +368,6 @@ def predict_state(
         spread = par[WALK] ** 2 * t + par[RATE_ERROR] ** 2 * row[W2] + missed * missed
         for i in range(3):
             q[i, i] = spread
-        q[0, 0] += par[TRAVEL] ** 2 * t
-        q[1, 1] += par[TRAVEL] ** 2 * t
         _spread(x[V], x[V + 1], x[V + 2], spread, q, XV)
         for i in range(3):
             q[XV + i, XV + i] += par[VELOCITY_WALK] ** 2 * t

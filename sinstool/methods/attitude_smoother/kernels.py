@@ -123,14 +123,14 @@ def forward(
         if len(kinds):
             since = 0.0 if kind == AT_REST else since + epochs[k, DURATION]
             kinds[k] = kind
-        likelihood = measure(epochs[k], field, k, par, n, x, p, gain, dx, kind)
+        likelihood = measure(epochs[k], field, k, par, n, x, p, gain, dx, half, kind)
         if likelihood > DIVERGED:
             total += likelihood
         else:
             total = DIVERGED
             if not stored:
                 break
-        correct(near, k, x, dx, n, e)
+        correct(near, k, x, dx, n, kind, e)
         if stored:
             copy(x, vectors[k - begin, X_PLUS])
             copy(dx, vectors[k - begin, DX_PLUS])

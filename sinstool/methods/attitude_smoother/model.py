@@ -22,7 +22,8 @@ FIRST_VELOCITY = 30.0
 class MotionModel:
     """How the motion is bounded.
 
-    ``acceleration = -c1 velocity - c0 position + white noise``, along each axis.
+    ``acceleration = -c1 velocity - c0 position + white noise``, along each axis; where the velocity
+    follows the body, ``acceleration = turn rate x velocity - c1 velocity + white noise``.
 
     Attributes
     ----------
@@ -33,12 +34,15 @@ class MotionModel:
         1/s^2; 0 where no position bounds the motion.
     density : float
         Of the white part, m/s^2/sqrt(Hz).
+    follows : bool
+        The level velocity turns with the body about the vertical.
     """
 
     name: MotionName
     c1: float
     c0: float
     density: float
+    follows: bool = False
 
     @property
     def states(self) -> int:
@@ -61,6 +65,10 @@ class MotionModel:
         """In the long run, m^2; 0 without a bound."""
         return self.velocity_variance / self.c0 if self.c0 else 0.0
 
+    def with_velocity(self, variance: float) -> MotionModel:
+        """A vehicle's model with another variance of velocity in the long run, m^2/s^2."""
+        return replace(self, c1=self.density**2 / (2.0 * variance))
+
     def with_density(self, density: float) -> MotionModel:
         """The same bound with another density of acceleration."""
         return replace(self, density=density)
@@ -71,6 +79,9 @@ class MotionModel:
 # 33 s.
 HAND = MotionModel("hand", 2.0, 2.0, 0.5)
 VEHICLE = MotionModel("vehicle", 0.03, 0.0, 4.0)
+# Cars, ships and aircraft go where they point. Then turns show the velocity, so it need not be
+# forgotten: it has a memory of five minutes and more.
+FOLLOWER = MotionModel("vehicle", 0.003, 0.0, 4.0, follows=True)
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,14 @@ from sinstool.methods.attitude_smoother.epochs import (
     JB,
     REST,
     SATURATED,
+    TURNED,
     W2,
     Epochs,
 )
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.model import (
     EPOCH_S,
+    FOLLOWER,
     HAND,
     VEHICLE,
     MotionModel,
@@ -56,7 +58,10 @@ STRETCH = 600
 HAND_RANGE = (0.5, 2.0)
 LEAST_VEHICLE, VEHICLE_FACTOR = 4.0, 2.5
 SECOND = 5  # epochs
-LONGER = (1, SECOND, 20, 100)
+LONGER: tuple[int, ...] = (1, SECOND, 20, 100)
+# A vehicle goes where it points if that is so many times as likely (nat), over epochs of 4 s: in
+# shorter ones its shaking says more than its way.
+FOLLOWS_MARGIN, FOLLOWS_EPOCHS = 3.0, 20
 # Of the search on the logarithm of the density
 FIRST_STEP, LAST_STEP = 0.8, 0.15
 SEARCHED = (log(0.005), log(50.0))
@@ -131,8 +136,14 @@ def find_motion(
     if name == "hand":
         density = min(max(search.best(HAND, 1)[0], HAND_RANGE[0]), HAND_RANGE[1])
         return Motion(HAND.with_density(density), margin)
-    density = max(search.best(VEHICLE, length)[0] for length in LONGER)
-    return Motion(VEHICLE.with_density(max(VEHICLE_FACTOR * density, least)), margin, short)
+    model, lengths = VEHICLE, LONGER
+    if not short:
+        follows = search.best(FOLLOWER, FOLLOWS_EPOCHS)[1]
+        if follows > search.best(VEHICLE, FOLLOWS_EPOCHS)[1] + FOLLOWS_MARGIN:
+            model, lengths = FOLLOWER, LONGER[1:]
+            least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * FOLLOWER.c1))
+    density = max(search.best(model, length)[0] for length in lengths)
+    return Motion(model.with_density(max(VEHICLE_FACTOR * density, least)), margin, short)
 
 
 class _Search:
@@ -141,11 +152,11 @@ class _Search:
     def __init__(self, parts: list[Epochs], sensors: SensorModel) -> None:
         self._parts = {length: [_merged(part, length) for part in parts] for length in LONGER}
         self._sensors = sensors
-        self._cache: dict[tuple[str, int], tuple[float, float]] = {}
+        self._cache: dict[tuple[MotionModel, int], tuple[float, float]] = {}
 
     def best(self, model: MotionModel, length: int) -> tuple[float, float]:
         """Density under which the motion is most likely, and its log likelihood there."""
-        key = model.name, length
+        key = model, length
         if key not in self._cache:
             self._cache[key] = _most_likely(self._parts[length], model, self._sensors)
         return self._cache[key]
@@ -210,7 +221,12 @@ def _merged(epochs: Epochs, length: int) -> Epochs:
     first = np.flatnonzero((number - start) % length == 0)
     rows = epochs.values
     merged = rows[first].copy()
-    for columns in (slice(DURATION, DURATION + 1), slice(DV, DV + 3), slice(JB, SATURATED + 1)):
+    for columns in (
+        slice(DURATION, DURATION + 1),
+        slice(DV, DV + 3),
+        slice(JB, SATURATED + 1),
+        slice(TURNED, TURNED + 3),
+    ):
         merged[:, columns] = np.add.reduceat(rows[:, columns], first, axis=0)
     merged[:, W2] = np.add.reduceat(rows[:, W2], first)
     group = np.repeat(np.arange(len(first)), np.diff(first, append=len(rows)))

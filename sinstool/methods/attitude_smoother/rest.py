@@ -60,6 +60,8 @@ TRANSPORT_RATE = FIRST_VELOCITY / SEMI_MAJOR_AXIS
 LULL = 25  # epochs
 # A rest shorter than this share of the longest must have the same rate.
 SHORT_SHARE = 1.0 / 3.0
+# Of what looks like rest for as long as a lull or longer, this must not be refuted.
+LEAST_SHARE = 0.5
 # Rests of one log show one bias, rad/s, and one size of gravity, m/s^2: steady turns show others.
 SAME_BIAS, SAME_FORCE = 0.02, 0.15
 
@@ -114,7 +116,8 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     Epochs
         Refuted epochs, and those within two seconds of one, are moving. Epochs that sway by more
         than noise are at most steady. They are only quiet where they last less than five seconds,
-        or where the tilt leaves room for a steady acceleration.
+        or where the tilt leaves room for a steady acceleration; so is a rest of five seconds that
+        is refuted for more than half of them, and what looked like rest for less than a window.
     """
     if not epochs.rest.any():
         return epochs
@@ -144,6 +147,8 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     near = np.convolve(denied, np.ones(2 * WINDOW + 1))[WINDOW:-WINDOW] > 0.0
     rows[:, REST] = np.where(near, MOVING, kinds)
     drop_lulls(rows)
+    _drop_pieces(rows, epochs.rest)
+    note_doubt(rows)
     return replace(epochs, values=rows)
 
 
@@ -152,6 +157,32 @@ def drop_lulls(rows: np.ndarray) -> None:
     for begin, end in runs(rows[:, REST] == STEADY):
         if end - begin < LULL:
             rows[begin:end, REST] = QUIET
+
+
+def note_doubt(rows: np.ndarray) -> None:
+    """Set the doubt of the rate where it is quiet but no rest: how much such times differ.
+
+    Slow sway and slow turns last as long as these, so that each shows the bias but once.
+    """
+    rows[:, RATE_DOUBT] = 0.0
+    found = runs((rows[:, REST] > MOVING) & (rows[:, REST] < AT_REST))
+    if len(found) < 2:
+        return
+    rates = np.array([rows[begin:end, GYRO : GYRO + 3].mean(axis=0) for begin, end in found])
+    differ = float(rates.var(axis=0, ddof=1).mean())
+    for begin, end in found:
+        rows[begin:end, RATE_DOUBT] = differ * (end - begin)
+
+
+def _drop_pieces(rows: np.ndarray, still: np.ndarray) -> None:
+    """Mark rests as quiet that are too little of what is quiet, or of a window."""
+    kinds = rows[:, REST]
+    pieces = [(begin, end, np.inf) for begin, end in runs(still) if end - begin < WINDOW]
+    pieces += [(a, b, LEAST_SHARE) for a, b in runs(kinds > MOVING) if b - a >= LULL]
+    for begin, end, least in pieces:
+        rest = kinds[begin:end] == AT_REST
+        if np.mean(rest) < least:
+            kinds[begin:end][rest] = QUIET
 
 
 def _set_long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> None:

@@ -14,9 +14,16 @@ from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_d
 from sinstool.core.streams import Solution
 from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs
+from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
-from sinstool.methods.attitude_smoother.model import GRAVITY, LARGE_BIAS, MotionModel, SensorModel
+from sinstool.methods.attitude_smoother.model import (
+    GRAVITY,
+    LARGE_BIAS,
+    VEHICLE,
+    MotionModel,
+    SensorModel,
+)
 from sinstool.methods.attitude_smoother.start import NO_KINDS, Prior, first_state, parameters
 
 NO_PRIOR = Prior()
@@ -35,6 +42,12 @@ LIKELY_EXCESS = 0.3
 FAR, CLOSE = 0.05, 1e-3
 PASSES = 20
 WIDER = (4.0, 3.0, 2.0, 1.5)
+# Beyond so many times the variance of velocity that the model of a vehicle allows, the model is
+# fitted to what a pass found, at most so many times.
+MORE, ROUNDS = 1.2, 4
+# A vehicle goes where it points if that is so many times as likely, nat.
+FOLLOWS_MARGIN = 3.0
+NO_STATES = np.empty((0, state.STATE))
 
 
 @dataclass(frozen=True)
@@ -114,18 +127,16 @@ def smooth(
     -------
     Correction
     """
-    field = NO_FIELD if north is None else north.rows
-    covariance = np.empty((len(epochs) + 1, state.KEPT))
-    smoothed = np.empty((0, state.STATE))
-    wider = WIDER if sensors.bias > LARGE_BIAS else ()
-    for k in range(PASSES):
-        before = smoothed
-        model = motion.with_density(motion.density * wider[k]) if k < len(wider) else motion
-        first = _first(epochs, model, sensors, prior, north)
-        smoothed = _pass(epochs, model, sensors, first, field, before, covariance)
-        begun = before if k else first[0][None]
-        if k >= len(wider) and _moved(begun, smoothed[: len(begun)]) < (CLOSE if k else FAR):
-            break
+    run = _Run(epochs, sensors, prior, north)
+    result = run.converged(motion)
+    if motion.follows and (sensors.bias > LARGE_BIAS or result.likelihood <= DIVERGED):
+        # a wrong bias turns the velocity wrongly, which shows the same wrong bias: the likelihood
+        # tells where the passes ended
+        free = run.converged(_freed(motion))
+        if free.likelihood > result.likelihood - FOLLOWS_MARGIN:
+            again = run.converged(motion, free.states)
+            result = max(result, free, again, key=lambda one: one.likelihood)
+    smoothed, covariance = result.states, result.covariance
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
     # The bias of a level accelerometer looks like a tilt.
@@ -142,9 +153,72 @@ def smooth(
         log(multiply(q[1:], conjugate(q[:-1]))),
         smoothed[:, state.B : state.B + 3].copy(),
         attitude,
-        np.sqrt(covariance[:, 9:]),
+        np.sqrt(covariance[:, 9:12]),
         accel_bias,
     )
+
+
+@dataclass(frozen=True)
+class _Result:
+    """Of passes that converged: states and covariances at the limits of epochs, likelihood."""
+
+    states: FloatArray
+    covariance: FloatArray
+    likelihood: float
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Passes over a log."""
+
+    epochs: Epochs
+    sensors: SensorModel
+    prior: Prior
+    north: North | None
+
+    def converged(self, motion: MotionModel, near: FloatArray = NO_STATES) -> _Result:
+        """Passes until none changes the tilt, the first about `near`; without, about its own."""
+        epochs = self.epochs
+        field = NO_FIELD if self.north is None else self.north.rows
+        covariance = np.empty((len(epochs) + 1, state.KEPT))
+        wider = WIDER if self.sensors.bias > LARGE_BIAS and not len(near) else ()
+        rounds = 0
+        for k in range(PASSES):
+            model = motion.with_density(motion.density * wider[k]) if k < len(wider) else motion
+            first = _first(epochs, model, self.sensors, self.prior, self.north)
+            before = near
+            near, likelihood = _pass(epochs, model, self.sensors, first, field, before, covariance)
+            begun = before if len(before) else first[0][None]
+            close = CLOSE if len(before) else FAR
+            if k >= len(wider) and _moved(begun, near[: len(begun)]) < close:
+                fitted = _as_fast(motion, epochs, near, covariance)
+                if fitted is motion or rounds == ROUNDS:
+                    break
+                motion, rounds = fitted, rounds + 1
+        return _Result(near, covariance, likelihood)
+
+
+def _as_fast(
+    motion: MotionModel, epochs: Epochs, smoothed: FloatArray, covariance: FloatArray
+) -> MotionModel:
+    """The model, of velocities as large as those that a pass has found.
+
+    How fast a vehicle may be at its first and at its last epoch sets how far a constant tilt may be
+    off, and what is expected of a car is too little for an aircraft.
+    """
+    moving = ~epochs.rest & ~epochs.gap
+    if motion.c0 or not moving.any():
+        return motion
+    level = smoothed[:-1][moving, state.V : state.V + 2] ** 2
+    if motion.follows:
+        level = level + covariance[:-1][moving, 12:14]
+    variance = float(np.mean(level))
+    return motion.with_velocity(variance) if variance > MORE * motion.velocity_variance else motion
+
+
+def _freed(motion: MotionModel) -> MotionModel:
+    """The model without what a wrong bias would spoil: that a vehicle goes where it points."""
+    return VEHICLE.with_density(motion.density)
 
 
 def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
@@ -207,8 +281,8 @@ def _pass(
     field: FloatArray,
     near: FloatArray,
     covariance: FloatArray,
-) -> FloatArray:
-    """One pass forwards and backwards; the smoothed states, shape (n + 1, STATE).
+) -> tuple[FloatArray, float]:
+    """One pass forwards and backwards; smoothed states, shape (n + 1, STATE), and likelihood.
 
     Parameters
     ----------
@@ -228,16 +302,17 @@ def _pass(
     stored, scratch = kernels.storage(min(SEGMENT, count), n), kernels.scratch(n)
     segments = [(begin, min(begin + SEGMENT, count)) for begin in range(0, count, SEGMENT)]
 
-    def forward(begin: int, end: int, x: FloatArray, p: FloatArray, dx: FloatArray) -> None:
-        kernels.forward(
+    def forward(begin: int, end: int, x: FloatArray, p: FloatArray, dx: FloatArray) -> float:
+        one = kernels.forward(
             rows, field, begin, end, par, n, x, p, near, dx, *last, NO_KINDS, *stored, *scratch
         )  # fmt: skip
+        return float(one)
 
     x, p, dx = first[0].copy(), first[1].copy(), np.zeros(state.ERRORS)
-    starts = []
+    starts, likelihood = [], 0.0
     for segment in segments:
         starts.append((x.copy(), p.copy(), dx.copy()))
-        forward(*segment, x, p, dx)
+        likelihood += forward(*segment, x, p, dx)
     smoothed[count], covariance[count] = last
     for segment, start in zip(reversed(segments), reversed(starts), strict=True):
         if segment is not segments[-1]:  # whose steps are still stored
@@ -245,7 +320,7 @@ def _pass(
         kernels.backward(
             *segment, n, *stored, x, p, dx, smoothed, covariance, len(near) > 0, *scratch
         )
-    return smoothed
+    return smoothed, likelihood
 
 
 @kernel()

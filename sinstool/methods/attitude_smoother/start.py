@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.earth import SEMI_MAJOR_AXIS
 from sinstool.core.rotation import exp, to_dcm
 from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.epochs import Epochs, mean_force
@@ -93,12 +92,7 @@ def upright(force: FloatArray) -> FloatArray:
 def parameters(
     motion: MotionModel, sensors: SensorModel, omega_in_n: FloatArray | None = None
 ) -> FloatArray:
-    """Parameters of the compiled filter, in its order.
-
-    The vertical turns as a vehicle travels over the curved Earth (transport rate). As the velocity
-    is bounded, this is a random walk of the tilt in the long run.
-    """
-    travel = 0.0 if motion.c0 else motion.density / (motion.c1 * SEMI_MAJOR_AXIS)
+    """Parameters of the compiled filter, in its order."""
     return np.array(
         [
             motion.c1,
@@ -114,11 +108,11 @@ def parameters(
             motion.position_variance,
             # level specific force at rest: the bias there, and the bias where the tilt was levelled
             np.sqrt(2.0) * sensors.accel_bias,
-            travel,
             sensors.bias_drift,
             # a linearisation so far off may deny rests wrongly: each pass checks them again
             float(sensors.bias > LARGE_BIAS),
             *(np.zeros(3) if omega_in_n is None else omega_in_n),
+            float(motion.follows),
         ]
     )
 

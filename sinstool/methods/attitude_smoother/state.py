@@ -26,7 +26,7 @@ XB: Any
 XG: Any
 XP: Any
 XA, XV, XB, XG, XP = map(np.int64, (0, 3, 6, 9, 10))
-STATE, ERRORS, KEPT = 19, 13, 12
+STATE, ERRORS, KEPT = 19, 13, 14
 
 
 @part()
@@ -131,11 +131,12 @@ def less(a: FloatArray, b: FloatArray, n: int, out: FloatArray, e: FloatArray) -
 
 @part()
 def keep(p: FloatArray, out: FloatArray) -> None:
-    """Covariance of the attitude (9) and variances of the bias (3) out of that of all errors."""
+    """Covariance of attitude (9), variances of bias (3) and level velocity (2), of all errors'."""
     for i in range(3):
         for j in range(3):
             out[3 * i + j] = p[i, j]
         out[9 + i] = p[XB + i, XB + i]
+    out[12], out[13] = p[XV, XV], p[XV + 1, XV + 1]
 
 
 @part()
@@ -158,6 +159,34 @@ def update(
     for m in range(n):
         gain[m] = a * p[m, i] + b * p[m, j] + c * p[m, k]
     s = a * gain[i] + b * gain[j] + c * gain[k] + variance
+    for m in range(n):
+        f = gain[m] / s
+        dx[m] += f * left
+        for q in range(m + 1):
+            p[m, q] -= f * gain[q]
+            p[q, m] = p[m, q]
+    return left, s
+
+
+@part()
+def update_row(
+    p: FloatArray,
+    n: int,
+    h: FloatArray,
+    innovation: float,
+    variance: float,
+    gain: FloatArray,
+    dx: FloatArray,
+) -> tuple[float, float]:
+    """One scalar measurement of the sum of h x; the innovation left and its variance."""
+    left = innovation
+    s = variance
+    for m in range(n):
+        left -= h[m] * dx[m]
+        gain[m] = 0.0
+        for i in range(n):
+            gain[m] += p[m, i] * h[i]
+        s += h[m] * gain[m]
     for m in range(n):
         f = gain[m] / s
         dx[m] += f * left

@@ -33,6 +33,7 @@ from sinstool.methods.attitude_smoother.rest import (
     TRANSPORT_RATE,
     drop_lulls,
     mean_over,
+    note_doubt,
     runs,
 )
 from sinstool.methods.attitude_smoother.smoother import NO_PRIOR, Correction, smooth
@@ -89,6 +90,7 @@ def with_steady(
         return epochs
     values = epochs.values.copy()
     values[short | (kinds == STEADY), REST] = QUIET
+    note_doubt(values)
     alone = values[:, REST].copy()
     rounds = 2 if sensors.accel_bias < GOOD_ACCEL_BIAS else 1
     for _ in range(rounds if long else 0):
@@ -97,6 +99,7 @@ def with_steady(
         values = values.copy()
         values[:, REST] = np.where(doubted & agrees, STEADY, alone)
         drop_lulls(values)
+        note_doubt(values)
     return replace(epochs, values=values)
 
 
@@ -120,16 +123,15 @@ def _agrees(
     agrees = np.zeros(len(rows), np.bool_)
     for begin, end in runs(still):
         part = slice(begin, end)
-        wide = min(LONG_WINDOW, end - begin)
-        lasts = min(1.0, SWAY_LASTS / wide)
-        level = tilted[part] + sensors.accel_bias**2 + lasts * rows[part, SWAY_FORCE, None]
         steady = smoothed.gyro_bias_sigma[begin:end] ** 2 + sensors.zero_rate**2 + TRANSPORT_RATE**2
-        steady += lasts * rows[part, SWAY_RATE, None]
-        pulled = np.stack([mean_over(axis, wide) for axis in force[part].T], axis=1)
-        turns = np.stack([mean_over(axis, wide) for axis in rate[part].T], axis=1)
-        agrees[part] = (
-            np.all(pulled**2 < ACCELERATES * level, axis=1)
-            & np.all(tilted[part] < KNOWN_TILT**2, axis=1)
-            & np.all(turns**2 < DENIED * steady, axis=1)
-        )
+        agrees[part] = np.all(tilted[part] < KNOWN_TILT**2, axis=1)
+        # short windows show what the mean of a long one hides: a start at the end of a rest
+        for wide in (min(LULL, end - begin), min(LONG_WINDOW, end - begin)):
+            lasts = min(1.0, SWAY_LASTS / wide)
+            level = tilted[part] + sensors.accel_bias**2 + lasts * rows[part, SWAY_FORCE, None]
+            turning = steady + lasts * rows[part, SWAY_RATE, None]
+            pulled = np.stack([mean_over(axis, wide) for axis in force[part].T], axis=1)
+            turns = np.stack([mean_over(axis, wide) for axis in rate[part].T], axis=1)
+            agrees[part] &= np.all(pulled**2 < ACCELERATES * level, axis=1)
+            agrees[part] &= np.all(turns**2 < DENIED * turning, axis=1)
     return agrees
