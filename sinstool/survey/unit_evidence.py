@@ -18,7 +18,7 @@ TELLING_SHARE = 0.6
 PIECE, SHORTEST_PIECE = 40, 20
 # Rates in the wrong unit keep the mean specific force of pieces from being gravity by more than
 # this share of it, and so many times as badly as those in the right one.
-LEAST_MISFIT = 0.04
+LEAST_MISFIT = 0.06
 WORSE = 3.0
 # Gravity turns 57 times what rates in rad/s, taken for deg/s, say: this lies half-way in ratio.
 RADIANS_SCALE = 7.5
