@@ -1,6 +1,7 @@
 """Logs of an IMU that lies still, with noise that is known."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sinstool.core.streams import Imu
 from sinstool.simulation.log import write_simulated
@@ -25,9 +26,14 @@ def noise(count, seed=1, gyro=GYRO, accel=ACCEL):
 
 
 def moved(rates, forces, begin, end):
-    """The same, turned and pushed between two samples."""
+    """The same, turned and pushed between two samples; gravity turns as the rates say."""
     phase = np.linspace(0.0, 20.0 * np.pi, end - begin)[:, None]
-    rates[begin:end] += 0.5 * np.sin(phase * np.array([1.0, 1.3, 0.7]))
+    turning = 0.5 * np.sin(phase * np.array([1.0, 1.3, 0.7]))
+    turned = Rotation.identity()
+    for k, step in enumerate(Rotation.from_rotvec(turning / RATE), begin):
+        turned = turned * step
+        forces[k] = turned.inv().apply(forces[k])
+    rates[begin:end] += turning
     forces[begin:end] += 2.0 * np.sin(phase * np.array([0.9, 1.1, 1.7]))
     return rates, forces
 
