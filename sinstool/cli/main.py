@@ -222,6 +222,16 @@ def _usage(exc: click.ClickException) -> str:
     return f"{message}; see {ctx.command_path} --help" if ctx is not None else message
 
 
+def _interrupted(exc: BaseException) -> bool:
+    """Whether an exception came about while an interrupt was handled."""
+    cause: BaseException | None = exc
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            return True
+        cause = cause.__context__
+    return False
+
+
 def _run(outputs: Sequence[Path]) -> None:
     """Run a command and exit with its status."""
     # -v explains choices; only -vv wants to see where in the program an error was found.
@@ -255,4 +265,9 @@ def _run(outputs: Sequence[Path]) -> None:
             sys.stdout.end()
         where = f"{exc.filename}: " if exc.filename else ""
         _fail(f"{where}{exc.strerror}; {_written(outputs)}", 1)
+    except Exception as exc:
+        # Python's own locks may fail where an interrupt meets them, and then hide it
+        if not _interrupted(exc):
+            raise
+        _fail(f"interrupted; {_written(outputs)}", 130)
     sys.exit(status if isinstance(status, int) else 0)

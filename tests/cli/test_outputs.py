@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -448,3 +449,20 @@ def test_an_ignored_signal_stays_ignored(tmp_path):
     run.send_signal(signal.SIGHUP)
     assert run.wait(timeout=60) == 0
     assert names(tmp_path) == expected
+
+
+def test_an_interrupt_that_breaks_a_lock_of_python_is_one_all_the_same(monkeypatch, capsys):
+    """Where it meets the acquiring of a lock, that fails, and the interrupt is its context."""
+    module = import_module("sinstool.cli.main")
+
+    def broken(**_):
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise RuntimeError("release unlocked lock")
+
+    monkeypatch.setattr(module.cli, "main", broken)
+    with pytest.raises(SystemExit) as ended:
+        module._run([])
+    assert ended.value.code == 130
+    assert "interrupted; nothing was written" in capsys.readouterr().err

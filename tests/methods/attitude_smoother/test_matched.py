@@ -99,7 +99,9 @@ def test_errors_are_as_large_as_the_covariance_says_in_many_runs(case):
     curved = unknown or "points" in case
     error = 2.0 * bias.std(ddof=1) / np.sqrt(len(bias)) if curved else 0.0
     assert error < 0.15 and abs(bias.mean() - 1.0) < 0.1 + error
-    assert np.all(np.abs(shares - [0.683, 0.954, 0.997]) < [0.03, 0.015, 0.008])
+    # Runs that are lost are among these
+    far = 0.02 if np.any(lost) else 0.008
+    assert np.all(np.abs(shares - [0.683, 0.954, 0.997]) < [0.03, 0.015, far])
 
 
 # --- heading ----------------------------------------------------------------------------------
