@@ -218,12 +218,6 @@ class Drift:
         windows = self._as_graded
         return 1.0 if windows is None else windows.ratio
 
-    @property
-    def restarts(self) -> int:
-        """How often the filter began anew."""
-        windows = self._as_graded
-        return 0 if windows is None else windows.restarts
-
     def factors(self) -> NoiseFactors:
         """Noise of gyros and accelerometers over that of the settings.
 

@@ -236,7 +236,7 @@ def _drifting(
     """A start with Imu noise that explains the drift where fixes are left out."""
     if config.in_flight.arw is not None or config.in_flight.vrw is not None:
         return start
-    drift = _drift(source, config, algorithm, start)
+    drift = Drift(source, config, algorithm, _by_the_fixes(start))
     worse = next_worse(start.grade.grade)
     if drift.ratio > OTHER_GRADE and worse is not None:
         # Noise at rest says nothing of biases and scale factors
@@ -247,7 +247,7 @@ def _drifting(
             )
         except AlignmentError:
             other = start
-        less = _drift(source, config, algorithm, other)
+        less = Drift(source, config, algorithm, _by_the_fixes(other))
         if less.ratio < drift.ratio:
             start, drift = other, less
     factors = drift.factors()
@@ -257,7 +257,7 @@ def _drifting(
             judged = ImuGrade(better, "by its drift without fixes", by_drift=True)
             first = first_start(source, config, judged)
             start = _timed(source, config, algorithm, first)
-            drift = _drift(source, config, algorithm, start)
+            drift = Drift(source, config, algorithm, _by_the_fixes(start))
             factors = drift.factors()
             log_choice("IMU grade", f"{better}, {judged.why}")
         except AlignmentError:
@@ -293,18 +293,6 @@ def _better(
     }
     best = max(gains, key=lambda other: gains[other], default=None)
     return best if best is not None and gains[best] > LEAST_GAIN else None
-
-
-def _drift(
-    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
-) -> Drift:
-    """Drift with the antenna where the fixes have it, unless a filter is thrown off with that."""
-    shown = _by_the_fixes(start)
-    drift = Drift(source, config, algorithm, shown)
-    if shown.settings == start.settings or not drift.restarts:
-        return drift
-    as_stated = Drift(source, config, algorithm, start)
-    return as_stated if as_stated.restarts < drift.restarts else drift
 
 
 def _by_the_fixes(start: FilterStart) -> FilterStart:
