@@ -611,18 +611,23 @@ def test_printing_a_configuration_compiles_nothing():
     assert {"scipy", "rosbags", "mcap", "rich"} & set(loaded) == set()
 
 
-def test_a_run_imports_only_what_it_uses(tmp_path):
-    """The loops are in numba's cache the second time."""
-    out = str(tmp_path / "out.mcap")
-    words = ["process", str(ROOT / "sample_data/static.mcap"), "-o", out, "--overwrite", "-q"]
+def loaded_by(words):
+    """Modules that a command has imported, the second time, with its kernels compiled."""
     code = (
         "import sys\nfrom sinstool.cli.main import cli\n"
-        f"cli.main({[*words, '--mode', 'attitude']!r}, standalone_mode=False)\n"
+        f"cli.main({words!r}, standalone_mode=False)\n"
         "print('loaded', sorted(sys.modules))"
     )
     for _ in range(2):
         run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    loaded = re.findall(r"'([\w.]+)'", run.stdout.split("loaded ")[1])
+    return re.findall(r"'([\w.]+)'", run.stdout.split("loaded ")[1])
+
+
+def test_a_run_imports_only_what_it_uses(tmp_path):
+
+    out = str(tmp_path / "out.mcap")
+    words = ["process", str(ROOT / "sample_data/static.mcap"), "-o", out, "--overwrite", "-q"]
+    loaded = loaded_by([*words, "--mode", "attitude"])
     others = {"scipy.linalg", "scipy.spatial", "scipy.special", "numba", "numpy.f2py"}
     assert others & set(loaded) == set()
     assert {"sinstool.report.markup", "rosbags.typesys.stores.ros2_dashing"} & set(loaded) == set()
@@ -633,14 +638,7 @@ def test_a_filter_runs_without_scipy(sinstool, tmp_path):
     log, out = str(tmp_path / "drive.mcap"), str(tmp_path / "out.mcap")
     assert sinstool("simulate", "drive", "-o", log, "--duration", "200", "--rate", "50")[0] == 0
     words = ["process", log, "-o", out, "--overwrite", "-q", "--mode", "ins-gnss", "--smooth"]
-    code = (
-        "import sys\nfrom sinstool.cli.main import cli\n"
-        f"cli.main({words!r}, standalone_mode=False)\n"
-        "print('loaded', sorted(sys.modules))"
-    )
-    for _ in range(2):
-        run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    loaded = re.findall(r"'([\w.]+)'", run.stdout.split("loaded ")[1])
+    loaded = loaded_by(words)
     assert {"scipy", "numba"} & set(loaded) == set()
 
 
