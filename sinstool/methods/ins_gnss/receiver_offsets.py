@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
-from sinstool.core.rotation import normalise, skew, to_dcm
+from sinstool.core.rotation import exp, multiply, normalise, skew, to_dcm
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
 from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -444,10 +444,11 @@ def _rows_of_fixes(
     seconds = (updates.time_ns - updates.time_ns[0]) * 1e-9
     at = (valid_ns - updates.time_ns[0]) * 1e-9
     # What the filter took off would bring its innovations' noise into what they are held against:
-    # velocities are those before the fix, and change as the IMU says.
+    # velocities and attitudes are those before the fix, and change as the IMU says.
     before = np.concatenate([updates.q_nb[:1], updates.q_nb[:-1]])
     sign = np.sign(np.sum(before * updates.q_nb, axis=1, keepdims=True))
-    c_nb = to_dcm(updates.q_nb)
+    turn = exp(updates.omega_ib_b[1:] * interval[1:, None])
+    c_nb = to_dcm(np.concatenate([updates.q_nb[:1], multiply(before[1:], turn)]))
     arm = np.asarray(run.settings.lever_arm_b)
     swing = (c_nb @ skew(updates.omega_ib_b)) @ arm
     free = swing + inertial_velocity(

@@ -129,6 +129,14 @@ def test_an_antenna_two_metres_away_is_named_with_its_place(tmp_path, road):
     assert error > 1.5 and 0.7 < ratio < 1.3
 
 
+def test_sensors_that_say_little_of_tilt_do_not_raise_or_lower_the_antenna(tmp_path):
+    """Fixes tilt a filter of poor sensors towards where they are off, and an antenna with it."""
+    sensors = sensor_errors(0.4, 60.0, 0.15, 1000.0, 2000.0, 0.5)
+    log = write(tmp_path / "log.mcap", record(drive(31, 250.0, 20.0), sensors, 1))
+    offsets = start_of(log, input=KIND, gnss=given(0.0)).offsets
+    assert np.all(np.abs(offsets.arm_off_b) < 2.0 * offsets.arm_off_sigma_b)
+
+
 @pytest.mark.parametrize("wrong", [0.0, 0.3])
 def test_a_wrong_latency_is_named(tmp_path, road, wrong):
     """It is used, as it was given, and the sigmas are as large as what comes of it."""
