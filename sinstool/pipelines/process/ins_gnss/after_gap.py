@@ -1,7 +1,8 @@
-"""Restart of a filter after an Imu gap that is too long to bridge.
+"""Starts of a filter before and after an Imu gap that is too long to bridge.
 
 How far a vehicle turned in such a gap is unknown, so the attitude is aligned from the data that
-follow, as at the start of a log. The estimated sensor errors are carried over.
+follow, as at the start of a log. The estimated sensor errors are carried over. What precedes the
+gap before a log's best start is a log of its own in the same way.
 """
 
 from __future__ import annotations
@@ -64,8 +65,61 @@ def longest_carried(settings: Settings) -> float:
     return LEAST_LOST / settings.gap_rate if settings.gap_rate > 0.0 else np.inf
 
 
+def start_before_gaps(
+    source: Source, config: ProcessConfig, planned: FilterStart
+) -> FilterStart | None:
+    """Start of a filter before the gaps that lie before a log's best start.
+
+    Parameters
+    ----------
+    planned : FilterStart
+        The best start.
+
+    Returns
+    -------
+    FilterStart or None
+        The first that is found; None where there is no such gap, nothing before it shows an
+        attitude, or options say where to align.
+    """
+    options, gaps = config.in_flight, _gaps(source, planned.settings)
+    if any(x is not None for x in (options.align_start, options.align_end, options.lift_off)):
+        return None
+    grade = {"imu_grade": planned.grade.grade}
+    here = config.model_copy(update={"navigation": config.navigation.model_copy(update=grade)})
+    late = round(planned.settings.gnss_latency * SECOND)
+    first_ns = source.survey.first_ns
+    for last_ns, next_ns in gaps:
+        if next_ns > planned.time_ns:
+            break
+        valid_ns = planned.used.time_ns - late
+        fixes = planned.used.rows((valid_ns >= first_ns) & (valid_ns <= last_ns))
+        try:
+            part = part_of(source, config, first_ns, last_ns + 1)
+            start, time_ns, how, notes = find_start(
+                part, here, planned.settings, StartFixes.of(fixes, planned.settings.gnss)
+            )
+        except (AlignmentError, DataError) as exc:
+            log_choice("start before a gap", f"none found: {exc}")
+        else:
+            log_choice("start before a gap", how)
+            return replace(planned, start=start, time_ns=time_ns, how=how, attitude_warnings=notes)
+        first_ns = next_ns
+    return None
+
+
+def _gaps(source: Source, settings: Settings) -> list[tuple[int, int]]:
+    """Times of the last sample before, and the first after, each gap that is too long, ns."""
+    longest = longest_carried(settings)
+    return [(ns, ns + round(s * SECOND)) for ns, s in source.survey.gaps if s >= longest]
+
+
 def start_after_gap(
-    source: Source, config: ProcessConfig, before: Stretch, begin_ns: int, gap_s: float
+    source: Source,
+    config: ProcessConfig,
+    before: Stretch,
+    begin_ns: int,
+    gap_s: float,
+    planned: FilterStart,
 ) -> tuple[Source, FilterStart] | None:
     """Start of a filter after a gap.
 
@@ -79,6 +133,8 @@ def start_after_gap(
         Time of the first sample after it.
     gap_s : float
         Its duration.
+    planned : FilterStart
+        The log's best start, which is taken where it lies before the next such gap.
 
     Returns
     -------
@@ -101,21 +157,25 @@ def start_after_gap(
             "navigation": config.navigation.model_copy(update={"imu_grade": first.grade.grade}),
         }
     )
+    following = [last_ns for last_ns, _ in _gaps(source, first.settings) if last_ns >= begin_ns]
+    end_ns = min([*following, source.survey.last_ns])
+    valid_ns = first.gnss.time_ns - round(first.settings.gnss_latency * SECOND)
     try:
         part = part_of(source, config, begin_ns, begin_ns + SEARCHED_NS)
-        # Fixes may return long after the Imu does; those just before show velocities at its end
-        valid_ns = first.used.time_ns - round(first.settings.gnss_latency * SECOND)
-        after = first.used.rows(valid_ns >= begin_ns - JUST_BEFORE_NS)
-        start, time_ns, how, _ = find_start(
-            part, here, first.settings, StartFixes.of(after, first.settings.gnss)
-        )
+        if begin_ns <= planned.time_ns <= end_ns:
+            start, time_ns, how = planned.start, planned.time_ns, planned.how
+        else:
+            # Fixes may return long after the Imu does; those just before show velocities at its end
+            after = first.gnss.rows((valid_ns >= begin_ns - JUST_BEFORE_NS) & ~first.withheld)
+            start, time_ns, how, _ = find_start(
+                part, here, first.settings, StartFixes.of(after, first.settings.gnss)
+            )
+            if trusted:
+                start = _with_sensors(start, run, first.settings, gap_s)
     except (AlignmentError, DataError) as exc:
         log_choice("start after a gap", f"none found: {exc}")
         return None
-    if trusted:
-        start = _with_sensors(start, run, first.settings, gap_s)
     log_choice("start after a gap", how)
-    valid_ns = first.gnss.time_ns - round(first.settings.gnss_latency * SECOND)
     later = valid_ns >= time_ns
     return part, replace(
         first,

@@ -159,6 +159,23 @@ def before_start(
     )
 
 
+def before_start_text(without_s: float, before_s: float) -> str:
+    """What there is of a solution before a filter's start, in words.
+
+    Parameters
+    ----------
+    without_s, before_s : float
+        From the log's first sample to the first solution, and to the start, s.
+    """
+    carried = "the solution there is that of the start, carried back by the Imu alone"
+    if without_s <= 0.0:
+        return f"the first {before_s:.2f} s lie before the filter's start: {carried}"
+    lost = f"the first {without_s:.2f} s lie before the filter's start and have no solution"
+    if before_s - without_s < 0.01:
+        return lost
+    return f"{lost}; so do the {before_s - without_s:.2f} s that follow, but {carried}"
+
+
 def smoothed_start(start: Start, smoothed: SmoothedEpochs) -> Start:
     """A start corrected by smoothing over what follows; unchanged where that is not possible."""
     if not np.isfinite(smoothed.first_error).all():

@@ -38,14 +38,19 @@ from sinstool.pipelines.process.ins_gnss.after_gap import (
     events_of,
     longest_carried,
     start_after_gap,
+    start_before_gaps,
     summed,
     vehicle_of,
 )
-from sinstool.pipelines.process.ins_gnss.before_start import before_start, smoothed_start
+from sinstool.pipelines.process.ins_gnss.before_start import (
+    before_start,
+    before_start_text,
+    smoothed_start,
+)
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.trust import doubts, late_or_early, marked, untrusted
-from sinstool.pipelines.process.ins_gnss.vehicle import find_vehicle
+from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions, find_vehicle
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
     ConingUsed,
@@ -94,7 +99,8 @@ class FilterRun(Mode):
 
     def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
         super().__init__(source, config, plan)
-        start = timed_start(source, config, plan.algorithm, plan.filter_start)
+        self._planned = timed_start(source, config, plan.algorithm, plan.filter_start)
+        start = start_before_gaps(source, config, self._planned) or self._planned
         self._start = start
         self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")
         self._damping: Damping | None = None
@@ -111,7 +117,7 @@ class FilterRun(Mode):
         )
         self._detailed = False
         self._updates = 0
-        self._carried_back = 0
+        self._first_ns = start.time_ns
         self._gnss: list[GnssDiagnostics] = []
         self._unwritten: list[GnssDiagnostics] = []
         self._biases: list[tuple[int, np.ndarray, np.ndarray]] = []
@@ -128,15 +134,23 @@ class FilterRun(Mode):
         turned = None if start.offsets is None else start.offsets.turned
         self._offsets_error = OffsetsError(start.offsets_error, turned)
         self._mount: np.ndarray | None = None
+        self._best: VehicleAssumptions | None = None
         self._stretches: list[Stretch] = []
 
     def find_out(self, progress: BytesRead | None) -> None:
         """Determine the motion constraints of the vehicle."""
         # GNSS, barometer and wheels have been read
         self.source.log.cache(())
-        self._stretches = [self._stretch(self.source, self._start)]
-        self._start = self._stretches[0].start
-        self._mount = self._stretches[0].vehicle.mount
+        best = self._planned
+        if best.time_ns != self._start.time_ns:
+            # Beyond a gap the same vehicle may show more of itself
+            longest = longest_carried(best.settings)
+            self._best = find_vehicle(self.source, self.config, self.plan.algorithm, best, longest)
+        first = self._stretch(self.source, self._start)
+        self._stretches, self._start = [first], first.start
+        self._mount = first.vehicle.mount
+        if self._mount is None and self._best is not None:
+            self._mount = self._best.mount
         if self._mount is not None:
             self.emits = (*self.emits, "vehicle")
 
@@ -144,7 +158,9 @@ class FilterRun(Mode):
         self, source: Source, start: FilterStart, gap: FilterEvent | None = None
     ) -> Stretch:
         longest = longest_carried(start.settings)
-        vehicle = find_vehicle(source, self.config, self.plan.algorithm, start, longest)
+        vehicle = self._best if start.time_ns == self._planned.time_ns else None
+        if vehicle is None:
+            vehicle = find_vehicle(source, self.config, self.plan.algorithm, start, longest)
         start = vehicle.started(start)
         run = self._filter_from(start, vehicle.constraints)
         return Stretch(source, start, run, vehicle, gap)
@@ -232,7 +248,7 @@ class FilterRun(Mode):
             stretch.source, self.config, self.plan.algorithm, stretch.start, start, rests
         )
         if stretch.gap is None:
-            self._carried_back = 0 if earlier is None else len(earlier)
+            self._first_ns = stretch.start.time_ns if earlier is None else int(earlier.time_ns[0])
         return earlier
 
     def _run(
@@ -271,7 +287,7 @@ class FilterRun(Mode):
         gap = (begin_ns - last_ns) / SECOND
         if gap < longest_carried(stretch.start.settings):
             return False
-        result = start_after_gap(self.source, self.config, stretch, begin_ns, gap)
+        result = start_after_gap(self.source, self.config, stretch, begin_ns, gap, self._planned)
         if result is None:
             return False
         source, start = result
@@ -453,17 +469,9 @@ class FilterRun(Mode):
                 " this",
             )
         before = (p.time_ns - self.source.survey.first_ns) / SECOND
-        if before > 0.0 and self._carried_back:
-            note(
-                "before-start",
-                f"the first {before:.2f} s lie before the filter's start: the solution there is"
-                " that of the start, carried back by the Imu alone",
-            )
-        elif before > 0.0:
-            note(
-                "before-start",
-                f"the first {before:.2f} s lie before the filter's start and have no solution",
-            )
+        if before > 0.0:
+            without = (self._first_ns - self.source.survey.first_ns) / SECOND
+            note("before-start", before_start_text(without, before))
         if self.config.filter.filter == "plain-15":
             note(
                 "white-fixes",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.trusted_navigation import process, read_back
+from sinstool.pipelines.process.ins_gnss.before_start import before_start_text
 from tests.helpers.unseen_drives import (
     GRADES,
     LEVER,
@@ -43,6 +44,28 @@ def test_after_a_long_gap_attitude_is_found_from_what_follows(tmp_path, options,
     assert error[after].max() < 1.0
     assert sigmas[after].max() < 5.0
     assert np.sqrt(np.mean(np.square(sigmas[after]))) < 2.0
+
+
+@pytest.mark.slow
+def test_what_precedes_a_gap_is_not_lost_as_more_is_known_beyond_it(tmp_path):
+    """No solution before, and words that said there was one."""
+    begin, length = 110.0, 30.0
+    truth = drive(seed=41, duration=400.0, rest=20.0)
+    data = without_samples(record(truth, GRADES["tactical"], 1, sigma=0.5), begin, length)
+    log = write(tmp_path / "gap.mcap", data)
+    answer, status, _ = process(log, truth, [])
+    assert status == 0
+    error, sigmas = level(answer)
+    for part in (answer.seconds < begin, answer.seconds > begin + length + 0.5):
+        assert part.sum() > 1000
+        assert error[part].max() < 3.0 and sigmas[part].max() < 4.0
+
+
+def test_words_about_the_time_before_a_start():
+    assert before_start_text(0.0, 3.0).startswith("the first 3.00 s lie before the filter's start:")
+    assert before_start_text(80.0, 80.0).endswith("and have no solution")
+    both = before_start_text(80.0, 92.5)
+    assert "the first 80.00 s" in both and "the 12.50 s that follow" in both
 
 
 @pytest.mark.slow
