@@ -46,6 +46,8 @@ class FilterStart:
         By which velocities are taken to be stamped later than positions, s.
     warnings, attitude_warnings : tuple of str
         About settings and measurements, and about how the attitude was found.
+    noisier : tuple of float, optional
+        How many times as noisy as the receiver says positions are, horizontally and vertically.
     """
 
     settings: Settings
@@ -62,6 +64,7 @@ class FilterStart:
     gnss_why: str
     warnings: tuple[str, ...]
     attitude_warnings: tuple[str, ...]
+    noisier: tuple[float, float] = (1.0, 1.0)
 
     @property
     def used(self) -> GnssEpochs:

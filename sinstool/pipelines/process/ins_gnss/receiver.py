@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.arrays import ArrayLike
 from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity
 from sinstool.methods.ins_gnss.settings import GnssModel
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 
 # Of the whole error of a fix, what is white and what lasts: of the usual model, 2 of 5.4 m and
 # 0.05 of 0.11 m/s.
@@ -18,6 +21,8 @@ USUAL_POSITION = (5.4, 5.4, 8.5)
 USUAL_VELOCITY = (0.11, 0.11, 0.17)
 # Fixes no noisier than so many times what the receiver says have good stamps too.
 AS_CLAIMED = 1.3
+# Noisier than so many times that they are not what the receiver says.
+TOO_LITTLE = 1.5
 # Of the whole, at least so much lasts: no log is long enough to show that nothing does.
 LEAST_SLOW = 0.1
 # A receiver that claims less than this speaks of its own resolution.
@@ -85,21 +90,79 @@ def gnss_model(
     )
 
 
-def with_white_noise(model: GnssModel, level: float, vertical: float) -> GnssModel:
-    """A receiver's noise with as much of its positions' white as a log shows.
+def with_lasting_share(start: FilterStart, share: float) -> FilterStart:
+    """A start with noise of positions of which a configured share lasts."""
+    model = start.settings.gnss
+    noise = np.sqrt(1.0 - share**2) * np.hypot(model.position_white, model.position_markov)
+    model = replace(
+        model,
+        position_white=_triple(noise),
+        position_markov=_triple(share / np.sqrt(1.0 - share**2) * noise),
+    )
+    why = f"{start.gnss_why}; {share:.0%} of it lasts, as configured"
+    return replace(start, settings=replace(start.settings, gnss=model), gnss_why=why)
+
+
+def with_measured_noise(
+    start: FilterStart, gnss: GnssEpochs, config: ProcessConfig, measured: tuple[float, float]
+) -> FilterStart:
+    """A start with as much white noise of positions as a log shows.
 
     What is left of the receiver's own figure lasts. A receiver that smooths its fixes shows less
-    noise than a filter may believe in, and one that claims too little is left to the gate: the
-    white part is no less than usual and no more than the whole.
+    noise than a filter may believe in: the white part is no less than usual. Where positions are
+    clearly noisier than the receiver says, unless options say how noisy they are, all that it says
+    of them is taken that many times.
 
     Parameters
     ----------
-    level, vertical : float
-        White noise as measured, m.
+    gnss : GnssEpochs
+        As the receiver gives them.
+    measured : tuple of float
+        White noise, horizontal and vertical, m.
     """
-    white, slow = np.array(model.position_white), np.array(model.position_markov)
-    whole = np.hypot(white, slow)
-    white = np.clip([level, level, vertical], white, whole)
+    options = config.filter
+    # A share of what the receiver says, whatever the options make of that
+    white = options.gnss_noise_scale * np.array([measured[0], measured[0], measured[1]])
+    noisier = np.ones(3)
+    if options.gnss_noise_scale == 1.0 and options.gnss_sigma is None:
+        ratio = white / _whole(gnss_model(gnss, config)[0])
+        noisier = np.where(ratio > TOO_LITTLE, ratio, 1.0)
+    if (noisier > 1.0).any():
+        gnss = replace(gnss, sigma_position_n=noisier * gnss.sigma_position_n)
+    exact = white[0] <= AS_CLAIMED * _whole(gnss_model(gnss, config, 0.0)[0])[0]
+    stamp_s = 0.0 if exact else STAMP_S
+    model, why = gnss_model(gnss, config, stamp_s)
+    epochs = split_position_velocity(inflate_sigmas(gnss, config, stamp_s), start.lag)
+    model = _with_white(model, white)
+    if (noisier > 1.0).any():
+        why = why.replace(
+            "as the receiver says", f"{times_as_noisy(noisier)} what the receiver says", 1
+        )
+    lasts = model.position_markov[0] / _whole(model)[0]
+    return replace(
+        start,
+        settings=replace(start.settings, gnss=model),
+        gnss=epochs,
+        gnss_why=f"{why}; {lasts:.0%} of it lasts, by how fixes change",
+        noisier=(float(noisier[0]), float(noisier[2])),
+    )
+
+
+def times_as_noisy(noisier: ArrayLike) -> str:
+    """Factors on noise, the first horizontal and the last vertical, in words."""
+    factors = np.asarray(noisier)
+    return f"{factors[0]:.2g} times (vertically {factors[-1]:.2g} times)"
+
+
+def _whole(model: GnssModel) -> np.ndarray:
+    """White and lasting noise of positions together, m, NED."""
+    return np.hypot(model.position_white, model.position_markov)
+
+
+def _with_white(model: GnssModel, white: np.ndarray) -> GnssModel:
+    """A receiver's noise, of which so much, m, NED, is white."""
+    whole = _whole(model)
+    white = np.clip(white, model.position_white, whole)
     slow = np.maximum(np.sqrt(np.maximum(whole**2 - white**2, 0.0)), LEAST_SLOW * whole)
     return replace(
         model,

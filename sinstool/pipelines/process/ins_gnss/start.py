@@ -37,10 +37,11 @@ from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_sta
 from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
 from sinstool.pipelines.process.ins_gnss.receiver import (
-    AS_CLAIMED,
     gnss_model,
     inflate_sigmas,
-    with_white_noise,
+    times_as_noisy,
+    with_lasting_share,
+    with_measured_noise,
 )
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag, white_noise, with_offsets
 from sinstool.survey.grade import ImuGrade, random_walk, random_walks, sensor_grade
@@ -165,6 +166,12 @@ def timed_start(
             f" used, and with it the log shows {start.offsets}: give it with --gnss-latency"
         )
         start = replace(start, warnings=(warning, *start.warnings))
+    if max(start.noisier) > 1.0:
+        warning = (
+            f"fixes are {times_as_noisy(start.noisier)} as noisy as the receiver says, by how they"
+            " change, and are weighted accordingly; --gnss-noise-scale overrides this"
+        )
+        start = replace(start, warnings=(warning, *start.warnings))
     log_choice(
         "filter", f"{start.settings.filter}: {len(start.gnss)} epochs, noise {start.gnss_why}"
     )
@@ -198,6 +205,10 @@ def _timed(
         return _with_noise(source, config, algorithm, start)
 
     noisy = _with_noise(source, config, algorithm, first)
+    if noisy.noisier != first.noisier:
+        # The start is one at fixes, and may use their speed
+        first = noisy
+        noisy = begin(first.settings.gnss_latency, None)
     return with_offsets(source, config, algorithm, noisy, begin)
 
 
@@ -318,34 +329,13 @@ def _with_noise(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
     """A start with the white share of the fixes' noise, configured or estimated."""
-    model, share = start.settings.gnss, config.filter.gnss_lasting
+    gnss, share = source.aiding.gnss, config.filter.gnss_lasting
     if share is not None:
-        noise = np.sqrt(1.0 - share**2) * np.hypot(model.position_white, model.position_markov)
-        model = replace(
-            model,
-            position_white=tuple(noise.tolist()),
-            position_markov=tuple((share / np.sqrt(1.0 - share**2) * noise).tolist()),
-        )
-        why = f"{start.gnss_why}; {share:.0%} of it lasts, as configured"
-    else:
-        shown = white_noise(source, config, algorithm, start)
-        if shown is None:
-            return start
-        # A share of what the receiver says, whatever the options make of that
-        measured = [config.filter.gnss_noise_scale * sigma for sigma in shown]
-        gnss = source.aiding.gnss
-        assert gnss is not None
-        exact, _ = gnss_model(gnss, config, 0.0)
-        if measured[0] <= AS_CLAIMED * np.hypot(exact.position_white[0], exact.position_markov[0]):
-            model = exact
-            epochs = split_position_velocity(inflate_sigmas(gnss, config, 0.0), start.lag)
-            start = replace(start, gnss=epochs)
-        model = with_white_noise(model, measured[0], measured[1])
-        lasts = model.position_markov[0] / np.hypot(
-            model.position_white[0], model.position_markov[0]
-        )
-        why = f"{start.gnss_why}; {lasts:.0%} of it lasts, by how fixes change"
-    return replace(start, settings=replace(start.settings, gnss=model), gnss_why=why)
+        return with_lasting_share(start, share)
+    shown = white_noise(source, config, algorithm, start)
+    return (
+        start if shown is None or gnss is None else with_measured_noise(start, gnss, config, shown)
+    )
 
 
 def _latency_why(start: FilterStart) -> str:
