@@ -7,8 +7,9 @@ with settings that are wrong (grade, lever arm, latency, share of lasting noise)
 none of them. The log goes through the whole command. A *miss* is a log whose solution ends beyond
 10 of its own sigmas and beyond 100 m from the truth with exit status 0.
 
-Printed are the worst by error over sigma, at the end and anywhere, with all that was random about
-them; --only makes and shows one seed again. With --others it hunts among boats, walks and
+Printed are the worst by error over sigma, at the end and anywhere, and by the root mean squares of
+tilt and heading over theirs, with all that was random about them; --only makes and shows one seed
+again. With --others it hunts among boats, walks and
 multicopters instead, or among the kinds that follow it: motorcycles, trains, tractors, gliders,
 helicopters.
 
@@ -31,6 +32,7 @@ import numpy as np
 
 from benchmarks.common import over_seeds, parser, print_table
 from benchmarks.trusted_navigation import process
+from sinstool.core.units import DEGREE
 from sinstool.methods.sensor_errors import IMU_GRADES
 from tests.helpers.unseen_drives import (
     GRADES,
@@ -73,6 +75,8 @@ class Outcome:
         Horizontal error at the end, m and of its own sigma; NaN without a solution.
     most_m, most_sigmas : float
         The same where it is the most of its sigma, beyond `FAR_M` if it ever is.
+    tilt_deg, tilt_sigmas, heading_deg, heading_sigmas : float
+        Root mean squares of all of the log, deg and of their own sigmas.
     """
 
     seed: int
@@ -83,6 +87,15 @@ class Outcome:
     most_m: float = np.nan
     most_sigmas: float = np.nan
     note: str = ""
+    tilt_deg: float = np.nan
+    tilt_sigmas: float = np.nan
+    heading_deg: float = np.nan
+    heading_sigmas: float = np.nan
+
+    @property
+    def turned_sigmas(self) -> float:
+        """The larger of tilt and heading over their sigmas."""
+        return max(self.tilt_sigmas, self.heading_sigmas)
 
     @property
     def missed(self) -> bool:
@@ -195,7 +208,17 @@ def hunted(seed: int, right: bool = False, others: Sequence[str] = ()) -> Outcom
         sigmas = level / np.hypot(answer.sigma[:, 0], answer.sigma[:, 1])
     far = np.where((level > FAR_M) | ~np.isfinite(level), sigmas, 0.0)
     worst = int(np.argmax(far)) if far.any() else int(np.nanargmax(sigmas))
-    return Outcome(seed, what, status, level[-1], sigmas[-1], level[worst], sigmas[worst], note)
+    turn = answer.error[:, 6:] / DEGREE
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = answer.error[:, 6:] / answer.sigma[:, 6:]
+    attitude = [
+        float(np.sqrt(np.nanmean(np.square(values[:, axes]))))
+        for axes in (slice(0, 2), slice(2, 3))
+        for values in (turn, ratio)
+    ]
+    return Outcome(
+        seed, what, status, level[-1], sigmas[-1], level[worst], sigmas[worst], note, *attitude
+    )
 
 
 def main() -> None:
@@ -228,6 +251,14 @@ def main() -> None:
             f" {np.mean(ratios > 3.0):.1%} beyond 3 sigmas, {np.mean(ratios > 10.0):.1%} beyond 10;"
             f" {np.mean(silent > 3.0):.1%} and {np.mean(silent > 10.0):.1%} with status 0"
         )
+        for name in ("tilt", "heading"):
+            ratios = np.array([getattr(outcome, f"{name}_sigmas") for outcome in solved])
+            silent = np.array([0.0 if o.status else getattr(o, f"{name}_sigmas") for o in solved])
+            print(
+                f"{name} over sigma: median {np.nanmedian(ratios):.2g}, {np.mean(ratios > 2.0):.1%}"
+                f" beyond 2, {np.mean(ratios > 4.0):.1%} beyond 4; {np.mean(silent > 2.0):.1%} and"
+                f" {np.mean(silent > 4.0):.1%} with status 0"
+            )
     head = ["seed", "status", "end m", "sigmas", "worst m", "sigmas", "what", ""]
     for title, key in (("at the end", "end"), ("anywhere beyond 100 m", "most")):
 
@@ -242,6 +273,14 @@ def main() -> None:
             for o in worst
         )  # fmt: skip
         print_table(head, rows, f"\nthe worst {len(worst)} {title}")
+    head = ["seed", "status", "tilt deg", "sigmas", "heading deg", "sigmas", "what", ""]
+    worst = sorted(solved, key=lambda o: (not o.status, o.turned_sigmas), reverse=True)[:WORST]
+    turned = (
+        [o.seed, o.status, f"{o.tilt_deg:.2g}", f"{o.tilt_sigmas:.3g}", f"{o.heading_deg:.2g}",
+         f"{o.heading_sigmas:.3g}", o.what, o.note]
+        for o in worst
+    )  # fmt: skip
+    print_table(head, turned, f"\nthe worst {len(worst)} in attitude, those with status 0 first")
 
 
 if __name__ == "__main__":

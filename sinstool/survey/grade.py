@@ -30,11 +30,22 @@ class ImuGrade:
     ----------
     by_drift : bool
         Judged by its drift where fixes are left out: its noise at rest is that of a vehicle.
+    aligned_as : Grade or None
+        That of its first attitude, where it is another: drift says little of biases, which an
+        alignment has to allow for.
     """
 
     grade: Grade
     why: str
     by_drift: bool = False
+    aligned_as: Grade | None = None
+
+
+def to_align_as(config: ProcessConfig, grade: ImuGrade) -> ProcessConfig:
+    """A configuration that says to an alignment how good the Imu is."""
+    aligned_as = grade.aligned_as or grade.grade
+    options = config.navigation.model_copy(update={"imu_grade": aligned_as})
+    return config.model_copy(update={"navigation": options})
 
 
 def measured_noise(config: ProcessConfig) -> ImuNoise | None:

@@ -27,6 +27,7 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions
 from sinstool.pipelines.process.vehicle_used import VehicleUsed
+from sinstool.survey.grade import to_align_as
 from sinstool.survey.source import Source, part_of
 
 # A heading less certain than this after a gap, rad (1 sigma), is found anew.
@@ -84,8 +85,7 @@ def start_before_gaps(
     options, gaps = config.in_flight, _gaps(source, planned.settings)
     if any(x is not None for x in (options.align_start, options.align_end, options.lift_off)):
         return None
-    grade = {"imu_grade": planned.grade.grade}
-    here = config.model_copy(update={"navigation": config.navigation.model_copy(update=grade)})
+    here = to_align_as(config, planned.grade)
     late = round(planned.settings.gnss_latency * SECOND)
     first_ns = source.survey.first_ns
     for last_ns, next_ns in gaps:
@@ -150,11 +150,10 @@ def start_after_gap(
         bias = turn_body(run.summary.gyro_bias, config.input.body_axes)
         options["gyro_bias"] = tuple(bias.tolist())
     whole = {"align_start": None, "align_end": None, "lift_off": None}
-    here = config.model_copy(
+    here = to_align_as(config, first.grade).model_copy(
         update={
             "align": config.align.model_copy(update=options),
             "in_flight": config.in_flight.model_copy(update=whole),
-            "navigation": config.navigation.model_copy(update={"imu_grade": first.grade.grade}),
         }
     )
     following = [last_ns for last_ns, _ in _gaps(source, first.settings) if last_ns >= begin_ns]

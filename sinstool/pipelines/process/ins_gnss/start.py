@@ -44,7 +44,13 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
     with_measured_noise,
 )
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag, white_noise, with_offsets
-from sinstool.survey.grade import ImuGrade, random_walk, random_walks, sensor_grade
+from sinstool.survey.grade import (
+    ImuGrade,
+    random_walk,
+    random_walks,
+    sensor_grade,
+    to_align_as,
+)
 from sinstool.survey.source import Source
 
 # Noise at rest, over what the options say of it, that is worth a warning.
@@ -94,7 +100,7 @@ def first_start(
             "--mode ins-gnss: the log has no GNSS fixes",
             "use --mode ins (with --height-damping), or attitude",
         )
-    here = config if grade is None else _of_grade(config, grade)
+    here = config if grade is None else to_align_as(config, grade)
     grade = grade or sensor_grade(source, config)
     model, gnss_why = gnss_model(gnss, config)
     reference, remarks = _barometer(source, config)
@@ -184,7 +190,7 @@ def _timed(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> FilterStart:
     """A start with the receiver's latency and noise."""
-    here = _of_grade(config, first.grade)
+    here = to_align_as(config, first.grade)
 
     def begin(latency: float, arm_b: np.ndarray | None) -> FilterStart:
         timed = replace(first.settings, gnss_latency=latency)
@@ -265,7 +271,8 @@ def _drifting(
     better = _better(config, drift, factors, start.grade.grade)
     if better is not None:
         try:
-            judged = ImuGrade(better, "by its drift without fixes", by_drift=True)
+            why, before = "by its drift without fixes", start.grade.grade
+            judged = ImuGrade(better, why, by_drift=True, aligned_as=before)
             first = first_start(source, config, judged)
             start = _timed(source, config, algorithm, first)
             drift = Drift(source, config, algorithm, _by_the_fixes(start))
@@ -317,12 +324,6 @@ def _by_the_fixes(start: FilterStart) -> FilterStart:
     if shown.latency_contradicts(settings.gnss_latency):
         settings = replace(settings, gnss_latency=shown.latency_s)
     return replace(start, settings=settings)
-
-
-def _of_grade(config: ProcessConfig, grade: ImuGrade) -> ProcessConfig:
-    """A configuration that says how good the Imu is."""
-    options = config.navigation.model_copy(update={"imu_grade": grade.grade})
-    return config.model_copy(update={"navigation": options})
 
 
 def _with_noise(
