@@ -239,6 +239,16 @@ def align_in_motion(
                 break
         return best
 
+    def settled(rough: MotionAlignment) -> MotionAlignment:
+        for _ in range(ROUNDS):
+            again = tried(rough.refined_bias, settings.grade, ends_ns)
+            if again is None or not again.good:
+                break
+            rough = again
+            if not rough.bias_surprises:
+                break
+        return rough
+
     best = tried(gyro_bias, settings.grade, ends_ns)
     assert best is not None
     if bias_unknown is None or not best.bias_surprises:
@@ -256,16 +266,9 @@ def align_in_motion(
     if (rough is None or not rough.good) and not best.good:
         # With an ordinary bias, which spoils long spans all the same where little changes
         rough = tried(gyro_bias, settings.grade, ends)
-    if rough is None or not rough.good:
-        return best
-    for _ in range(ROUNDS):
-        again = tried(rough.refined_bias, settings.grade, ends_ns)
-        if again is None or not again.good:
-            break
-        rough = again
-        if not rough.bias_surprises:
-            break
-    return rough
+    # A bias a little beyond the ordinary may be what it is, and a large one an illusion
+    found = [settled(one) for one in (best, rough) if one is not None and one.good]
+    return min(found, key=lambda one: one.result.chi2, default=best)
 
 
 def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> FloatArray:

@@ -12,7 +12,7 @@ from tests.helpers.unseen_drives import (
     without_samples,
     write,
 )
-from tests.helpers.unseen_vehicles import tractor
+from tests.helpers.unseen_vehicles import helicopter, tractor
 from tests.pipelines.process.ins_gnss.test_doubtful_logs import navigated
 
 CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
@@ -55,3 +55,14 @@ def test_a_filter_starts_from_a_heading_that_an_alignment_alone_refuses(tmp_path
     log = write(tmp_path / "log.mcap", data)
     _, _, off, heading = navigated(log, truth, tmp_path / "out.mcap")
     assert off[-1] < 1.0 and heading[-1] < 6.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_gyro_bias_a_little_beyond_the_ordinary_is_not_taken_for_degrees_a_second(tmp_path, seed):
+    """Heading was off by 98 deg in one, with status 0, and by twice its sigma in the other."""
+    truth = helicopter(seed, 260.0)
+    log = write(tmp_path / "log.mcap", record(truth, CONSUMER, seed, gnss_rate=10.0, sigma=0.9))
+    result, _, off, heading = navigated(log, truth, tmp_path / "out.mcap")
+    assert np.linalg.norm(result.alignment.gyro_bias_rad_s) < 0.1 * np.pi / 180.0
+    assert off[-1] < 2.0 and np.sqrt(np.mean(heading**2)) < 3.0
