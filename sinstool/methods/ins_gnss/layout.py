@@ -127,6 +127,7 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("used_at",),  # time of the latest epoch used
     ("begun",),  # 1 if the filter began anew since the latest stored row
     ("in_gap",),  # 1 within an IMU gap
+    ("level_until",),  # until when tilts that were unknown may be as yet
     ("window_seen",),  # epochs in the window so far
     ("far",),  # 1 after the warning that the navigation is far from the fixes
     ("streak", (2,)),  # epochs rejected one after the other, pair

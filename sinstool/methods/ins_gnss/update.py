@@ -10,8 +10,14 @@ from math import sqrt
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import part
+from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.layout import Memory
 from sinstool.methods.products import product
+
+# Tilts less certain than the first, rad (3 deg, 1 sigma), turn gravity by so much that what then
+# seems to show heading is the error of the linear model; and so until they are known to the second
+# (0.1 deg), or for so many seconds.
+NOT_LEVEL, LEVEL, LEVELLING = 0.05, 0.00175, 5.0
 
 
 @part()
@@ -71,7 +77,8 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
 
         K = P H^T (I + epsilon (H P H^T)^-1 R) S^-1,
 
-    between Kalman's (0) and the one that fits the newest measurement (1).
+    between Kalman's (0) and the one that fits the newest measurement (1). That of heading is 0
+    while tilts are not known, as after a gap: its variance counts, but stays what it is.
 
     Parameters
     ----------
@@ -108,6 +115,9 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
             f = m.weight[k, c]
             for i in range(n):
                 m.gain[c, i] += m.hp[k, i] * f
+    if _levelling(m):
+        for c in range(rows):
+            m.gain[c, states.ATTITUDE + 2] = 0.0
     for i in range(n):
         total = 0.0
         for c in range(rows):
@@ -135,6 +145,16 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
             m.p[i, j] = 0.5 * (m.old[i, j] + m.old[j, i])
             m.p[j, i] = m.p[i, j]
     return True
+
+
+@part()
+def _levelling(m: Memory) -> bool:
+    """Whether tilts are unknown, or were and are being found."""
+    first = states.ATTITUDE
+    variance = m.p[first, first] + m.p[first + 1, first + 1]
+    if variance > NOT_LEVEL * NOT_LEVEL:
+        m.level_until = m.now + LEVELLING
+    return m.now < m.level_until and variance > LEVEL * LEVEL
 
 
 @part()

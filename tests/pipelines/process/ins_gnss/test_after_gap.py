@@ -98,6 +98,19 @@ def test_the_only_attitude_of_a_log_may_hold_before_fixes_return(tmp_path):
 
 
 @pytest.mark.slow
+def test_tilts_are_found_after_a_gap_before_they_are_held_against_heading(tmp_path):
+    """Gravity, turned by tilts that were 15 deg off, seemed to show heading: 3.2 sigmas before."""
+    truth = drive(seed=7, duration=260.0, rest=30.0)
+    data = record(truth, GRADES["industrial"], 7, gnss_rate=5.0, sigma=0.7)
+    log = write(tmp_path / "gap.mcap", without_samples(data, 166.0, 7.1))
+    answer, status, _ = process(log, truth, ["--smooth"])
+    assert status == 0
+    after = answer.seconds > 173.5
+    sigmas = answer.error[after, 6:] / answer.sigma[after, 6:]
+    assert np.all(np.sqrt(np.mean(np.square(sigmas), axis=0)) < 2.0)
+
+
+@pytest.mark.slow
 def test_innovations_refute_a_grade_that_quiet_gyros_suggest(tmp_path, sinstool):
     """An industrial Imu that never rests has a tactical one's white noise: 468 m off before."""
     truth = flight(seed=2, duration=300.0)
