@@ -48,6 +48,9 @@ class FilterStart:
         About settings and measurements, and about how the attitude was found.
     noisier : tuple of float, optional
         How many times as noisy as the receiver says positions are, horizontally and vertically.
+    drifts : float, optional
+        How many times as far as options that say how good the Imu is explain the navigation drifts
+        where fixes are left out; 1 where that shows no more.
     """
 
     settings: Settings
@@ -65,6 +68,7 @@ class FilterStart:
     warnings: tuple[str, ...]
     attitude_warnings: tuple[str, ...]
     noisier: tuple[float, float] = (1.0, 1.0)
+    drifts: float = 1.0
 
     @property
     def used(self) -> GnssEpochs:

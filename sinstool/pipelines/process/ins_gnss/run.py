@@ -32,6 +32,7 @@ from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.height import Damping, height_warnings
+from sinstool.pipelines.process.ins_gnss import trust
 from sinstool.pipelines.process.ins_gnss.after_gap import (
     Stretch,
     channel_events_of,
@@ -49,7 +50,6 @@ from sinstool.pipelines.process.ins_gnss.before_start import (
 )
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.start import timed_start
-from sinstool.pipelines.process.ins_gnss.trust import doubts, late_or_early, marked, untrusted
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions, find_vehicle
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
@@ -217,11 +217,11 @@ class FilterRun(Mode):
             first = smoothed_start(stretch.start.start, smoothed)
             yield from self._scored(self._earlier(stretch, first))
             events = stretch.filter.events
-            doubtful = doubts(concatenate(self._gnss), events) if self._gnss else []
+            doubtful = trust.doubts(concatenate(self._gnss), events) if self._gnss else []
             begin = 0
             for updates in smoother.blocks(smoothed):
                 end = begin + len(updates)
-                updates = marked(updates, doubtful) if doubtful else updates
+                updates = trust.marked(updates, doubtful) if doubtful else updates
                 yield from self._scored(self._solution(updates, log_time[begin:end]))
                 begin = end
 
@@ -460,7 +460,7 @@ class FilterRun(Mode):
         noise = np.hypot(p.settings.gnss.position_white, p.settings.gnss.position_markov)
         if p.latency_status != "given":
             sigma = float(np.sqrt(p.offsets_error[0, 0]))
-            findings += late_or_early(self._offsets_error.largest_m, sigma, float(noise[0]))
+            findings += trust.late_or_early(self._offsets_error.largest_m, sigma, float(noise[0]))
         if p.lag != 0.0 and self.config.filter.gnss_velocity_lag is None:
             note(
                 "velocity-lag-used",
@@ -480,10 +480,10 @@ class FilterRun(Mode):
             )
         vehicle, used = vehicle_of(self._stretches)
         findings += vehicle.findings(used)
-        findings += self._diagnosis()
+        findings += [*self._diagnosis(), *trust.drifts_too_far(p.drifts)]
         if self._gnss:
             first_ns = self.source.survey.first_ns
-            findings += untrusted(
+            findings += trust.untrusted(
                 concatenate(self._gnss), events_of(self._stretches), s.mean_nis, first_ns
             )
         if s.epochs_gated:

@@ -166,6 +166,9 @@ def timed_start(
     start = _timed(source, config, algorithm, first)
     if config.navigation.imu_grade == "auto":
         start = _drifting(source, config, algorithm, _fitted(source, config, algorithm, start))
+    if _stated(config):
+        drift = Drift(source, config, algorithm, _by_the_fixes(start))
+        start = replace(start, drifts=drift.ratio)
     if start.latency_status == "not settled":
         warning = (
             f"the latency of GNSS did not settle: {1e3 * start.settings.gnss_latency:.0f} ms is"
@@ -435,16 +438,21 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     return noise
 
 
-def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
-    """Warning of a gyro whose configured noise is far below its noise at rest."""
-    shown, assumed = random_walk(source), settings.imu.angle_random_walk
+def _stated(config: ProcessConfig) -> bool:
+    """Whether options say how good the Imu is."""
     options = config.navigation
-    stated = (
+    return (
         options.imu_grade != "auto"
         or options.imu_noise is not None
         or config.in_flight.arw is not None
+        or config.in_flight.vrw is not None
     )
-    if not stated or shown is None or shown < NOISIER * assumed:
+
+
+def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
+    """Warning of a gyro whose configured noise is far below its noise at rest."""
+    shown, assumed = random_walk(source), settings.imu.angle_random_walk
+    if not _stated(config) or shown is None or shown < NOISIER * assumed:
         return []
     size = 60.0 / DEGREE
     return [

@@ -18,6 +18,8 @@ MOST_NAMED = 5
 # Fixes that the gate may turn down before the filter, and not they, must be taken for wrong.
 MOST_REJECTED = 0.2
 LEAST_FIXES = 20
+# Drift without fixes over its sigma: beyond this, options make the Imu better than it is.
+MOST_DRIFT = 2.0
 # Innovations squared over what was expected: beyond these the sigmas say nothing.
 LEAST_NIS, MOST_NIS = 0.05, 5.0
 
@@ -96,6 +98,28 @@ def late_or_early(largest_m: float, sigma_s: float, fix_sigma_m: float) -> list[
             f" are up to {largest_m:.2g} m early or late (1 sigma), however good the fixes are",
             answer="give --gnss-latency",
             numbers={"sigma_s": sigma_s, "position_m": largest_m},
+        )
+    ]
+
+
+def drifts_too_far(ratio: float) -> list[Finding]:
+    """A drift without fixes that is far beyond what options say of the Imu.
+
+    Parameters
+    ----------
+    ratio : float
+        Drift over its sigma.
+    """
+    if ratio <= MOST_DRIFT:
+        return []
+    return [
+        Finding(
+            "imu-options",
+            f"where fixes are left out the navigation drifts {ratio:.1f} times as far as the"
+            " options about the Imu explain: attitude and its sigmas are not to be trusted",
+            Severity.LOST,
+            "leave --imu-grade, --imu-noise, --arw and --vrw out, or correct them",
+            numbers={"drift_over_sigma": ratio},
         )
     ]
 

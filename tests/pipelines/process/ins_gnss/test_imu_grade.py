@@ -54,6 +54,15 @@ def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path)
     assert noise.settings.imu == IMU_GRADES["mems"] and not noise.grade.by_drift
 
 
+def test_a_configured_grade_that_the_drift_denies_is_not_believed_in_silence(tmp_path):
+    """Status 0 before, with headings 5 sigmas off."""
+    truth = drive(9, 260.0, 20.0)
+    data = record(truth, GRADES["industrial"], 32, gnss_rate=10.0, sigma=0.5)
+    log = write(tmp_path / "log.mcap", data)
+    assert process(log, truth, ["--imu-grade", "tactical"])[1] == 3
+    assert process(log, truth, ["--imu-grade", "industrial"])[1] == 0
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4])
 def test_scale_factors_that_little_noise_hides_do_not_refute_sigmas(tmp_path, seed):
