@@ -126,7 +126,8 @@ def with_measured_noise(
     noisier = np.ones(3)
     if options.gnss_noise_scale == 1.0 and options.gnss_sigma is None:
         ratio = white / _whole(gnss_model(gnss, config)[0])
-        noisier = np.where(ratio > TOO_LITTLE, ratio, 1.0)
+        stated = np.isfinite(gnss.sigma_position_n).any(axis=0)
+        noisier = np.where(stated & (ratio > TOO_LITTLE), ratio, 1.0)
     if (noisier > 1.0).any():
         gnss = replace(gnss, sigma_position_n=noisier * gnss.sigma_position_n)
     exact = white[0] <= AS_CLAIMED * _whole(gnss_model(gnss, config, 0.0)[0])[0]

@@ -15,7 +15,9 @@ from sinstool.methods.ins_gnss.fix_velocity import (
 )
 from sinstool.pipelines.process.ins_gnss.receiver import STAMP_S, gnss_model, inflate_sigmas
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag
+from tests.helpers.filter_logs import start_of
 from tests.helpers.gnss import straight
+from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
 
 RADIUS = 6.37e6
 
@@ -159,3 +161,27 @@ def test_sigmas_of_velocities_from_positions_are_those_of_parabolas(interval, no
         assert made.velocity_n[row, 2] == pytest.approx(slope[1], abs=1e-6)
         sigma = max(np.hypot(noise * np.sqrt(covariance[1, 1]), bend), fix_velocity.LEAST_SIGMA)
         assert made.sigma_velocity_n[row, 2] == pytest.approx(sigma, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("claims", "options", "expected"),
+    [(1.0, {}, 1.0), (0.2, {}, 5.0), (5.0, {}, 1.0), (0.2, {"gnss_noise_scale": 2.0}, 1.0)],
+)
+def test_fixes_are_as_noisy_as_they_show_and_no_less_than_the_receiver_says(
+    tmp_path, claims, options, expected
+):
+    """A receiver that claimed a quarter of its noise left a smoother 0.5 m off at 8 sigmas."""
+    data = record(drive(4, 120.0, 10.0), GRADES["tactical"], 4, gnss_rate=2.0, sigma=0.4)
+    data = dataclasses.replace(
+        data, fixes=dataclasses.replace(data.fixes, sigma=claims * data.fixes.sigma)
+    )
+    log = write(tmp_path / "log.mcap", data)
+    gnss = {"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0}
+    start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss=gnss, filter=options)
+    assert start.noisier == pytest.approx((expected, expected), rel=0.2)
+    whole = np.hypot(start.settings.gnss.position_white, start.settings.gnss.position_markov)
+    used = 0.4 * claims * options.get("gnss_noise_scale", 1.0) * expected
+    assert whole == pytest.approx(3 * [used], rel=0.25)
+    assert np.median(start.gnss.sigma_position_n[:, 0]) == pytest.approx(used, rel=0.25)
+    said = any("as noisy as the receiver says" in text for text in start.warnings)
+    assert said == (expected > 1.0) == ("times (vertically" in start.gnss_why)
