@@ -6,16 +6,19 @@ import pytest
 from sinstool.core.rotation import from_euler
 from sinstool.methods.height.layout import new_state
 from sinstool.methods.ins_gnss import layout, update
+from sinstool.methods.ins_gnss.states import ATTITUDE
+from sinstool.methods.ins_gnss.update import NOT_LEVEL
 from sinstool.methods.strapdown.navigation import initial_state
 
 N = 15
 
 
-def a_measurement(rows, seed=3):
+def a_measurement(rows, tilt=1e-3, seed=3):
     """A filter about to be corrected, and its P, H, R, innovation and estimate."""
     random = np.random.default_rng(seed)
     nav = initial_state(0.8, 0.1, 300.0, np.zeros(3), from_euler(np.zeros(3)))
     root = random.standard_normal((N, N))
+    root[ATTITUDE : ATTITUDE + 2] *= tilt
     p, x = root @ root.T, random.standard_normal(N)
     m = layout.new_memory(nav, np.zeros(12), p, new_state(), np.zeros(layout.VEHICLE_SIZE))
     h, nu = random.standard_normal((rows, N)), random.standard_normal(rows)
@@ -26,11 +29,15 @@ def a_measurement(rows, seed=3):
 
 
 @pytest.mark.parametrize("rows", [1, 3, 6])
-@pytest.mark.parametrize("epsilon", [0.0, 0.05, 0.7, 1.0])
-def test_a_measurement_with_kalmans_gain_and_with_schmidts(rows, epsilon):
-    m, p, h, r, nu, x = a_measurement(rows)
+@pytest.mark.parametrize(
+    ("epsilon", "tilt"), [(0.0, 1e-3), (0.05, 1e-3), (0.7, 1e-3), (1.0, 1e-3), (0.0, 1.0)]
+)
+def test_a_measurement_with_kalmans_gain_and_with_schmidts(rows, epsilon, tilt):
+    m, p, h, r, nu, x = a_measurement(rows, tilt)
     hph = h @ p @ h.T
     gain = p @ h.T @ (np.eye(rows) + epsilon * np.linalg.inv(hph) @ r) @ np.linalg.inv(hph + r)
+    if tilt > NOT_LEVEL:
+        gain[ATTITUDE + 2] = 0.0
     left = np.eye(N) - gain @ h
     np.testing.assert_allclose(m.s[:rows, :rows], hph, rtol=1e-12)
     assert update.apply_measurement(m, rows, epsilon)
