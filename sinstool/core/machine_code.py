@@ -251,7 +251,7 @@ def _processor() -> tuple[Any, ...]:
 
 @cache
 def _made_by() -> tuple[Any, ...]:
-    """Which numba and LLVM are installed, found without importing them, and what is kept of them."""
+    """Which numba and LLVM are installed, found without importing them, and what is kept."""
     found: list[Any] = [_FORM]
     for package in ("numba", "llvmlite"):
         spec = find_spec(package)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ class FilterStart:
     warnings: tuple[str, ...]
     attitude_warnings: tuple[str, ...]
 
-    @property
+    @cached_property
     def used(self) -> GnssEpochs:
         """Epochs that are not withheld."""
         return self.gnss.rows(~self.withheld)
