@@ -193,7 +193,8 @@ def _files(function: Any) -> CompiledFiles | None:
     folder = folder_of(function.__code__.co_filename)
     if folder is None:
         return None
-    return CompiledFiles(folder, base_name(function), (_made_by(), stamp(function)))
+    # Not the name that numba's own files have, or each would remove the others as out of date
+    return CompiledFiles(folder, f"{base_name(function)}.code", (_made_by(), stamp(function)))
 
 
 def _linked(code: Code) -> Entry | None:
@@ -201,12 +202,13 @@ def _linked(code: Code) -> Entry | None:
     from llvmlite import binding  # type: ignore[import-untyped]
 
     _set_up_llvm()
-    if not all(binding.address_of_symbol(name) for name in code.needs):
-        return None
     with _lock:
         # Making an engine takes ten times as long as putting code into one. Where two go by the
         # same name, each needs its own.
         engine = _engine() if code.name in _named else _shared_engine()
+        # Before the first engine LLVM knows no function
+        if not all(binding.address_of_symbol(name) for name in code.needs):
+            return None
         _named.add(code.name)
         engine.add_object_file(binding.ObjectFileRef.from_data(code.object))
         engine.finalize_object()
