@@ -18,6 +18,8 @@ from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 # Numbers of glibc's malloc.h
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 # Its own limits, without anything set, in bytes
@@ -55,6 +57,25 @@ def give_back() -> None:
     library = _glibc()
     if library is not None:
         library.malloc_trim(0)
+
+
+def joined(blocks: list[np.ndarray]) -> np.ndarray:
+    """Blocks of rows, at least one, in one array; they are taken off the list as they are copied.
+
+    So all of them are in memory but once.
+    """
+    rows = np.empty((sum(map(len, blocks)), *blocks[0].shape[1:]), blocks[0].dtype)
+    end, waiting = len(rows), 0
+    while blocks:
+        block = blocks.pop()
+        rows[end - len(block) : end] = block
+        end -= len(block)
+        waiting += block.nbytes
+        if waiting > PIECE // 2:
+            del block
+            give_back()
+            waiting = 0
+    return rows
 
 
 def available() -> int | None:

@@ -24,6 +24,8 @@ _SMALL_ANGLE = 1e-4
 
 # cos(pitch) that float64 cannot tell from zero: roll and heading are then one angle.
 _GIMBAL_LOCK = 1e-15
+# Matrices that are converted at a time
+_AT_ONCE = 1 << 14
 
 
 def _last_axis(value: ArrayLike, size: int, what: str) -> FloatArray:
@@ -269,6 +271,17 @@ def from_dcm(matrix: ArrayLike) -> FloatArray:
     c = np.asarray(matrix, dtype=np.float64)
     if c.ndim < 2 or c.shape[-2:] != (3, 3):
         raise ValueError(f"Expected `matrix` to have shape (..., 3, 3), got {c.shape}.")
+    flat = c.reshape(-1, 3, 3)
+    q = np.empty((len(flat), 4))
+    # So many at a time, as each is in memory several times meanwhile
+    for first in range(0, len(flat), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        q[some] = _from_some(flat[some])
+    return q.reshape(*c.shape[:-2], 4)
+
+
+def _from_some(c: FloatArray) -> FloatArray:
+    """Quaternions of matrices, shape (n, 3, 3)."""
     if not np.all(np.linalg.det(c) > 0.0):
         raise ValueError("Found a matrix without positive determinant in `matrix`.")
     c00, c11, c22 = c[..., 0, 0], c[..., 1, 1], c[..., 2, 2]

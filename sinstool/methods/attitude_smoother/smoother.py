@@ -269,8 +269,8 @@ def _first(
 
 def _moved(before: FloatArray, after: FloatArray) -> float:
     """Largest change of the tilt between two passes, rad."""
-    up = [a[:, :9].reshape(-1, 3, 3)[:, 2] for a in (before, after)]
-    return float(np.sqrt(np.max(np.sum((up[1] - up[0]) ** 2, axis=1))))
+    up = slice(6, 9)  # the last row of the attitude matrix
+    return float(np.sqrt(np.max(np.sum((after[:, up] - before[:, up]) ** 2, axis=1))))
 
 
 def _pass(
