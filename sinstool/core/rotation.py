@@ -208,8 +208,16 @@ def rotate(quaternion: ArrayLike, vector: ArrayLike) -> FloatArray:
     v = _last_axis(vector, 3, "vector")
     w, u = q[..., :1], q[..., 1:]
     # v + 2 w (u x v) + 2 u x (u x v): two cross products, no matrix
-    t = 2.0 * np.cross(u, v)
-    return np.asarray(v + w * t + np.cross(u, t))
+    t = 2.0 * _cross(u, v)
+    return np.asarray(v + w * t + _cross(u, t))
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """As `np.cross` of vectors, which for a few of them looks at their axes for longest."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return out
 
 
 def to_dcm(quaternion: ArrayLike) -> FloatArray:
