@@ -16,9 +16,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np
 
 # Numbers of glibc's malloc.h
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
@@ -61,7 +62,7 @@ def keep_freed() -> None:
     time on memory that comes and goes with each chunk.
     """
     if _glibc() is not None:
-        np.empty(PIECE - 2**20, np.uint8)  # nobody writes to it, so that it is but an address
+        bytes(PIECE - 2**20)  # zeros, which are nowhere until somebody reads them
 
 
 def give_back() -> None:
@@ -76,6 +77,8 @@ def joined(blocks: list[np.ndarray]) -> np.ndarray:
 
     So all of them are in memory but once.
     """
+    import numpy as np
+
     rows = np.empty((sum(map(len, blocks)), *blocks[0].shape[1:]), blocks[0].dtype)
     end, waiting = len(rows), 0
     while blocks:

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from sinstool.core import memory
@@ -79,3 +80,25 @@ def test_without_glibc_nothing_happens(monkeypatch):
     monkeypatch.setattr(memory, "_glibc", lambda: None)
     with memory.memory_held():
         pass
+
+
+def test_blocks_are_joined_in_order_and_given_up():
+    rng = np.random.default_rng(3)
+    blocks = [rng.normal(size=(rows, 3)) for rows in (5, 0, 1, 1000)]
+    whole = np.concatenate(blocks)
+    np.testing.assert_array_equal(memory.joined(blocks), whole)
+    assert blocks == []
+
+
+def test_joining_blocks_takes_the_memory_of_one_copy():
+    program = (
+        "import resource, numpy as np\n"
+        "from sinstool.core.memory import joined\n"
+        "peak = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+        "blocks = [np.ones((100, 40)) for _ in range(3000)]  # 96 MB\n"
+        "before = peak()\n"
+        "joined(blocks)\n"
+        "print(peak() - before)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert int(done.stdout) < 45_000, done.stderr
