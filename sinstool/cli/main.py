@@ -91,9 +91,6 @@ def cli() -> None:
 
 def main() -> None:
     """Run the command line; every failure a user can cause ends in one line."""
-    # Imports make some hundred thousand objects that live as long as the program; looking for
-    # garbage among them even once takes 0.1 s and finds none.
-    gc.set_threshold(500_000, 50, 50)
     # Our loops are compiled and our matrices small: threads of BLAS would only wait, spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # To look for plugins it reads the metadata of every installed package.

@@ -43,9 +43,9 @@ def set_up_cache() -> None:
     def set_files(self: Any) -> None:
         if not isinstance(self._cache_file, CompiledFiles):
             impl = self._impl
-            self._cache_file = CompiledFiles(
-                self._cache_path, impl.filename_base, (__version__, stamp(self._py_func)), dumps
-            )
+            name = f"{impl.filename_base}.numba"
+            stamped = __version__, stamp(self._py_func)
+            self._cache_file = CompiledFiles(self._cache_path, name, stamped, dumps)
 
     def load_overload(self: Any, signature: Any, target: Any) -> Any:
         if not _is_ours(self._py_func):

@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from functools import cache, cached_property
 from typing import Any
 
+from llvmlite.binding import Linkage  # type: ignore[import-untyped]
 from numba import njit, version_info
 from numba.core import codegen, config, cpu, errors, registry
 
@@ -213,6 +214,10 @@ def _supported() -> bool:
             return
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
+        # Machine code of several kernels is kept together, and names of parts are not unique
+        for each in self._final_module.functions:
+            if each.linkage is Linkage.linkonce_odr:
+                each.linkage = Linkage.internal
 
     def pass_builder(self: Any, **keywords: Any) -> Any:
         if is_ours() and not turn.vectorizes:

@@ -17,6 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,6 +32,8 @@ _OF_C = {
     "log10", "log1p", "log2", "memcpy", "memmove", "memset", "nearbyint", "pow", "rint", "round",
     "sin", "sinh", "sqrt", "tan", "tanh", "tgamma", "trunc",
 }  # fmt: skip
+# Of what is kept, which changes with what is read of it
+_FORM = 2
 # What numba and LLVM make code for, if not for the machine that they run on
 _VARIABLES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_OPT", "NUMBA_BOUNDSCHECK")
 _NUMBERS = {float: ("float64", "d"), int: ("int64", "q"), bool: ("bool", "q")}
@@ -190,7 +193,8 @@ def _files(function: Any) -> CompiledFiles | None:
     folder = folder_of(function.__code__.co_filename)
     if folder is None:
         return None
-    return CompiledFiles(folder, base_name(function), (_made_by(), stamp(function)))
+    # Not the name that numba's own files have, or each would remove the others as out of date
+    return CompiledFiles(folder, f"{base_name(function)}.code", (_made_by(), stamp(function)))
 
 
 def _linked(code: Code) -> Entry | None:
@@ -198,14 +202,31 @@ def _linked(code: Code) -> Entry | None:
     from llvmlite import binding  # type: ignore[import-untyped]
 
     _set_up_llvm()
-    if not all(binding.address_of_symbol(name) for name in code.needs):
-        return None
-    machine = binding.Target.from_default_triple().create_target_machine(jit=True)
-    engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
-    engine.add_object_file(binding.ObjectFileRef.from_data(code.object))
-    engine.finalize_object()
-    address = engine.get_function_address(code.name)
+    with _lock:
+        # Making an engine takes ten times as long as putting code into one. Where two go by the
+        # same name, each needs its own.
+        engine = _engine() if code.name in _named else _shared_engine()
+        # Before the first engine LLVM knows no function
+        if not all(binding.address_of_symbol(name) for name in code.needs):
+            return None
+        _named.add(code.name)
+        engine.add_object_file(binding.ObjectFileRef.from_data(code.object))
+        engine.finalize_object()
+        address = engine.get_function_address(code.name)
     return Entry(address, code.returns, code.is_tuple, engine)
+
+
+def _engine() -> Any:
+    """What holds code, without any."""
+    from llvmlite import binding
+
+    machine = binding.Target.from_default_triple().create_target_machine(jit=True)
+    return binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+
+
+_lock = Lock()
+_named: set[str] = set()
+_shared_engine = cache(_engine)
 
 
 @cache
@@ -232,8 +253,8 @@ def _processor() -> tuple[Any, ...]:
 
 @cache
 def _made_by() -> tuple[Any, ...]:
-    """Which numba and LLVM are installed, found without importing them."""
-    found: list[Any] = []
+    """Which numba and LLVM are installed, found without importing them, and what is kept."""
+    found: list[Any] = [_FORM]
     for package in ("numba", "llvmlite"):
         spec = find_spec(package)
         for place in (spec and spec.submodule_search_locations) or ():

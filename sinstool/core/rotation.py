@@ -24,6 +24,8 @@ _SMALL_ANGLE = 1e-4
 
 # cos(pitch) that float64 cannot tell from zero: roll and heading are then one angle.
 _GIMBAL_LOCK = 1e-15
+# Matrices that are converted at a time
+_AT_ONCE = 1 << 14
 
 
 def _last_axis(value: ArrayLike, size: int, what: str) -> FloatArray:
@@ -206,8 +208,16 @@ def rotate(quaternion: ArrayLike, vector: ArrayLike) -> FloatArray:
     v = _last_axis(vector, 3, "vector")
     w, u = q[..., :1], q[..., 1:]
     # v + 2 w (u x v) + 2 u x (u x v): two cross products, no matrix
-    t = 2.0 * np.cross(u, v)
-    return np.asarray(v + w * t + np.cross(u, t))
+    t = 2.0 * _cross(u, v)
+    return np.asarray(v + w * t + _cross(u, t))
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """As `np.cross` of vectors, which for a few of them looks at their axes for longest."""
+    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return out
 
 
 def to_dcm(quaternion: ArrayLike) -> FloatArray:
@@ -269,6 +279,17 @@ def from_dcm(matrix: ArrayLike) -> FloatArray:
     c = np.asarray(matrix, dtype=np.float64)
     if c.ndim < 2 or c.shape[-2:] != (3, 3):
         raise ValueError(f"Expected `matrix` to have shape (..., 3, 3), got {c.shape}.")
+    flat = c.reshape(-1, 3, 3)
+    q = np.empty((len(flat), 4))
+    # So many at a time, as each is in memory several times meanwhile
+    for first in range(0, len(flat), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        q[some] = _from_some(flat[some])
+    return q.reshape(*c.shape[:-2], 4)
+
+
+def _from_some(c: FloatArray) -> FloatArray:
+    """Quaternions of matrices, shape (n, 3, 3)."""
     if not np.all(np.linalg.det(c) > 0.0):
         raise ValueError("Found a matrix without positive determinant in `matrix`.")
     c00, c11, c22 = c[..., 0, 0], c[..., 1, 1], c[..., 2, 2]

@@ -15,6 +15,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from sinstool.core.memory import give_back
 from sinstool.core.streams import Imu, Stream, concatenate
 
 SECOND = 1_000_000_000
@@ -25,6 +26,8 @@ LAST_HORIZON = 64 * SECOND
 # An interval of more than this many nominal ones is a gap: two samples or more are missing, and
 # what the vehicle did meanwhile is not in the log.
 GAP_INTERVALS = 3.0
+# What lies about when a stream of so many samples has been joined is given back at once.
+LONG_STREAM = 100_000
 S = TypeVar("S", bound=Stream)
 _NEVER = int(np.iinfo(np.int64).min)
 
@@ -300,6 +303,9 @@ def sorted_stream(
     if not parts:
         return None
     stream = concatenate(parts)
+    if len(stream) > LONG_STREAM:
+        del parts
+        give_back()
     if by_log_time:
         stream = replace(stream, time_ns=stream.log_time_ns)
     steps = np.diff(stream.time_ns)

@@ -14,7 +14,6 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Any
 
-import mcap.reader
 from mcap.exceptions import McapError
 
 from sinstool.config import ProcessConfig
@@ -90,10 +89,12 @@ def files(config: ProcessConfig) -> dict[str, Path]:
 
 def read_record(path: Path) -> dict[str, str] | None:
     """The record of an MCAP, None for a file that has none or is no whole MCAP."""
+    from mcap.reader import SeekingReader
+
     try:
         with path.open("rb") as stream:
             values = None
-            for record in mcap.reader.SeekingReader(stream).iter_metadata():
+            for record in SeekingReader(stream).iter_metadata():
                 if record.name == RECORD:
                     values = dict(record.metadata)
             return values

@@ -27,7 +27,6 @@ from sinstool.io.readers.message_types import (
 )
 from sinstool.io.readers.streams import Losses, read_height, read_pressure
 from sinstool.io.readers.topics import OWN_PREFIXES, choose_optional
-from sinstool.methods.height.pressure import suspected_unit
 from sinstool.survey.wheels import WheelSpeeds
 
 S = TypeVar("S", bound=Stream)
@@ -157,6 +156,8 @@ def only(
 
 def _check_pressure(log: Log, channel: Channel, baro: Baro) -> None:
     """Refuse pressures that are not in pascal."""
+    from sinstool.methods.height.pressure import suspected_unit
+
     judged = suspected_unit(baro.pressure)
     if judged.unit == "Pa":
         return

@@ -91,46 +91,56 @@ def unit_evidence(windows: Windows) -> UnitEvidence:
     better = np.linalg.norm(after - as_degrees, axis=1) < np.linalg.norm(after - as_radians, axis=1)
     count = int(np.count_nonzero(telling))
     share = float(np.mean(better[telling])) if count else 0.0
-    return UnitEvidence(scale, sigma, count, share, _misfit(windows, 1.0), _misfit(windows, DEGREE))
+    return UnitEvidence(scale, sigma, count, share, *_misfits(windows, (1.0, DEGREE)))
 
 
-def _misfit(windows: Windows, unit: float) -> float:
+def _misfits(windows: Windows, units: tuple[float, ...]) -> list[float]:
     """How far the size of the mean specific force of pieces of a log is from that of gravity.
 
     Parameters
     ----------
-    unit : float
+    units : tuple of float
         Of the rates, rad/s.
 
     Returns
     -------
-    float
-        Share of gravity, RMS of the pieces; NaN where none is long enough. Of that with the rates
-        as they are, with their mean taken off, and with that across the specific force: without
-        a bias, with one, and with one of a vehicle that turns.
+    list of float
+        Share of gravity, RMS of the pieces, for each unit; NaN where no piece is long enough. Of
+        that with the rates as they are, with their mean taken off, and with that across the
+        specific force: without a bias, with one, and with one of a vehicle that turns.
     """
     length = min(PIECE, len(windows))
     first = np.arange(0, len(windows) - length + 1, max(length, 1))
     last = first + length - 1
     first = first[windows.start_ns[last] - windows.start_ns[first] == (length - 1) * WINDOW_NS]
     if length < SHORTEST_PIECE or not len(first):
-        return np.nan
+        return [np.nan] * len(units)
     axis = windows.accel.mean(axis=0)
     axis /= max(float(np.linalg.norm(axis)), 1e-9)
     mean = windows.gyro.mean(axis=0)
     usual = float(np.median(np.linalg.norm(windows.accel, axis=1)))
     gravity = usual if accel_looks_like_g(usual) else STANDARD_GRAVITY
-    misfits = []
-    for bias in (np.zeros(3), mean, mean - axis * (mean @ axis)):
-        rows = first[:, None] + np.arange(length)
-        turns = rotation.exp(unit * (windows.gyro - bias)[rows] * (WINDOW_NS / 1e9))
-        q = np.tile([1.0, 0.0, 0.0, 0.0], (len(first), 1))
-        force = np.zeros((len(first), 3))
-        for k in range(length):
-            q = rotation.multiply(q, turns[:, k])
-            force += rotation.rotate(q, windows.accel[first + k]) / length
-        misfits.append(np.sqrt(np.mean((np.linalg.norm(force, axis=1) / gravity - 1.0) ** 2)))
-    return float(min(misfits))
+    rows = first[:, None] + np.arange(length)
+    # By unit and bias: what is computed for all of them at once is called for once
+    turns = rotation.exp(
+        np.array(
+            [
+                [
+                    unit * (windows.gyro - bias)[rows] * (WINDOW_NS / 1e9)
+                    for bias in (np.zeros(3), mean, mean - axis * (mean @ axis))
+                ]
+                for unit in units
+            ]
+        )
+    )
+    q = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*turns.shape[:3], 4))
+    force = np.zeros((*turns.shape[:3], 3))
+    for k in range(length):
+        q = rotation.multiply(q, turns[..., k, :])
+        force += rotation.rotate(q, windows.accel[first + k]) / length
+    size = np.linalg.norm(force, axis=-1)
+    misfits = np.sqrt(np.mean((size / gravity - 1.0) ** 2, axis=-1))
+    return [float(least) for least in misfits.min(axis=-1)]
 
 
 def turns_like_degrees(evidence: UnitEvidence) -> bool:

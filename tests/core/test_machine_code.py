@@ -1,5 +1,7 @@
 """Kernels run from machine code that is kept as they do just after numba has compiled them."""
 
+import subprocess
+import sys
 import threading
 
 import numpy as np
@@ -9,6 +11,7 @@ from sinstool.core import compiled_files, dispatchers, machine_code
 from sinstool.core.machine_code import described
 from sinstool.core.parts import kernel, part
 from tests.core.test_kernel_compiler import ARRAY, CASES
+from tests.helpers.paths import ROOT
 
 pytestmark = pytest.mark.skipif(
     not dispatchers._supported(), reason="another numba keeps what it compiles itself"
@@ -189,3 +192,63 @@ def test_addresses_are_those_that_numpy_gives():
 def test_another_python_asks_numpy_for_addresses(monkeypatch):
     monkeypatch.setattr(machine_code.sys.implementation, "name", "other")
     assert machine_code._way_to_addresses() is machine_code._asked_address
+
+
+PROGRAM = """
+import sys, numpy as np
+__name__ = "sinstool.halves"
+from sinstool.core.parts import kernel
+
+@kernel()
+def halves(a):
+    for i in range(len(a)):
+        a[i] = np.arctan2(a[i], 2.0)
+
+for kind in sys.argv[1:]:
+    a = np.memmap("mapped", float, "w+", shape=3) if kind == "mapped" else np.ones(3)
+    halves(a)
+print("numba" in sys.modules)
+"""
+
+
+@pytest.fixture
+def ran(cache, monkeypatch):
+    """Runs a program with a kernel that calls functions of C; whether numba was imported."""
+    file = cache / "sinstool_halves.py"
+    file.write_text(PROGRAM)
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+
+    def run(*kinds):
+        command = [sys.executable, str(file), *kinds]
+        one = subprocess.run(command, cwd=cache, capture_output=True, text=True, check=True)
+        return one.stdout == "True\n"
+
+    return run
+
+
+def test_the_first_kernel_of_a_process_may_call_functions_of_c(ran):
+    assert [ran("array") for _ in range(2)] == [True, False]
+
+
+def test_code_is_kept_beside_that_of_numba_for_other_arguments(ran):
+    ran("array", "mapped")  # of an array of another class, which numba runs
+    assert not ran("array")
+
+
+def test_kernels_of_one_name_are_told_apart(cache):
+    """Machine code lies in one place, where names of functions are not."""
+
+    def once(a):
+        a[0] += 1.0
+
+    def twice(a):
+        a[0] += 2.0
+
+    twice.__name__, twice.__qualname__ = once.__name__, once.__qualname__
+    for kept in (False, True):
+        a = np.zeros(1)
+        for function in (once, twice):
+            compiled = kernel()(function)
+            compiled(a)
+            compiled(a)
+        assert a[0] == 6.0, kept

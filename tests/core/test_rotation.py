@@ -240,3 +240,11 @@ def test_skew_is_the_cross_product():
     np.testing.assert_allclose(product, np.cross(v, w), atol=1e-15)
     with pytest.raises(ValueError, match="shape"):
         rotation.skew([1.0, 2.0])
+
+
+def test_many_matrices_are_converted_as_one_by_one(monkeypatch):
+    q = rotation.normalise(np.random.default_rng(2).normal(size=(7, 3, 4)))
+    whole = rotation.from_dcm(rotation.to_dcm(q))
+    monkeypatch.setattr(rotation, "_AT_ONCE", 5)
+    np.testing.assert_array_equal(rotation.from_dcm(rotation.to_dcm(q)), whole)
+    assert rotation.from_dcm(np.empty((0, 3, 3))).shape == (0, 4)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from sinstool.core import plugins
 from sinstool.core.errors import NotALogError
+from sinstool.core.memory import keep_freed
 from sinstool.io.readers.formats import described, kind_of
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
     UnsupportedLogError
         It uses something we do not read.
     """
+    keep_freed()
     path = Path(path)
     if not path.exists():
         raise NotALogError(path, "there is no such file or folder")

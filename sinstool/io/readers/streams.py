@@ -135,7 +135,7 @@ def read_columns(
             progress(batch.position)
         present = list(decoders) if len(decoders) == 1 else np.unique(batch.channel).tolist()
         for number in present:
-            one = batch.select([number])
+            one = batch if len(decoders) == 1 else batch.select([number])
             decode = partial(decoders[number].decode, one.buffer, one.offset, one.length)
             decoded = checked(number, decode)
             for name, paths in columns.items():

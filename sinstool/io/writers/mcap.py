@@ -11,7 +11,7 @@ import struct
 import threading
 import zlib
 from collections import Counter, deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import IO
@@ -80,11 +80,15 @@ def message_indexes(
     list of (int, bytes)
         Channel id and its entries, by id.
     """
+    # Of 16 bits, as ids are, since those are sorted by counting
+    order = np.argsort(channel.astype(np.uint16), kind="stable")
     entries = np.empty((len(channel), 2), "<i8")
-    entries[:, 0] = log_time
-    entries[:, 1] = offset
-    present = np.flatnonzero(np.bincount(channel))
-    return [(int(c), entries[channel == c].tobytes()) for c in present]
+    entries[:, 0] = log_time[order]
+    entries[:, 1] = offset[order]
+    counts = np.bincount(channel)
+    present = np.flatnonzero(counts)
+    parts = np.split(entries, np.cumsum(counts[present])[:-1])
+    return [(int(c), part.tobytes()) for c, part in zip(present, parts, strict=True)]
 
 
 def pack(make: Callable[[], Sequence[RawBatch]], compression: str) -> list[Chunk]:
@@ -206,7 +210,7 @@ class McapWriter:
         self._schema_ids: dict[tuple[str, str, bytes], int] = {}
         self.channels: dict[int, records.Channel] = {}
         self.counts: Counter[int] = Counter()
-        self._chunk_indexes: list[records.ChunkIndex] = []
+        self._chunk_indexes: list[bytes] = []  # records of the summary
         self._attachment_indexes: list[records.AttachmentIndex] = []
         self._metadata_indexes: list[records.MetadataIndex] = []
         self._span: tuple[int, int] | None = None
@@ -376,27 +380,16 @@ class McapWriter:
         for piece in chunk.record:
             self._write(piece)
         index_start = self._position
-        offsets = {}
+        offsets, at, pieces = [], index_start, []
         for channel, entries in chunk.indexes:
-            offsets[channel] = self._position
-            head = struct.pack(
-                "<BQHI", Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries)
+            offsets += [channel, at]
+            pieces.append(
+                struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(entries), channel, len(entries))
             )
-            self._write(head)
-            self._write(entries)
-        self._chunk_indexes.append(
-            records.ChunkIndex(
-                chunk_length=index_start - start,
-                chunk_start_offset=start,
-                compression=chunk.compression,
-                compressed_size=chunk.compressed_size,
-                message_end_time=chunk.end_time & _U64,
-                message_index_length=self._position - index_start,
-                message_index_offsets=offsets,
-                message_start_time=chunk.start_time & _U64,
-                uncompressed_size=chunk.size,
-            )
-        )
+            pieces.append(entries)
+            at += 15 + len(entries)
+        self._write(b"".join(pieces))
+        self._chunk_indexes.append(_chunk_index(chunk, start, index_start, at, offsets))
         self.counts.update(chunk.counts)
         low, high = self._span or (chunk.start_time, chunk.end_time)
         self._span = (min(low, chunk.start_time), max(high, chunk.end_time))
@@ -415,27 +408,55 @@ class McapWriter:
             metadata_count=len(self._metadata_indexes),
             schema_count=len(self.schemas),
         )
-        groups: list[tuple[int, list[records.McapRecord]]] = [
-            (Opcode.SCHEMA, list(self.schemas.values())),
-            (Opcode.CHANNEL, list(self.channels.values())),
-            (Opcode.STATISTICS, [statistics]),
-            (Opcode.CHUNK_INDEX, list(self._chunk_indexes)),
-            (Opcode.ATTACHMENT_INDEX, list(self._attachment_indexes)),
-            (Opcode.METADATA_INDEX, list(self._metadata_indexes)),
+        groups: list[tuple[int, Iterable[bytes]]] = [
+            (Opcode.SCHEMA, map(_bytes_of, self.schemas.values())),
+            (Opcode.CHANNEL, map(_bytes_of, self.channels.values())),
+            (Opcode.STATISTICS, [_bytes_of(statistics)]),
+            (Opcode.CHUNK_INDEX, self._chunk_indexes),
+            (Opcode.ATTACHMENT_INDEX, map(_bytes_of, self._attachment_indexes)),
+            (Opcode.METADATA_INDEX, map(_bytes_of, self._metadata_indexes)),
         ]
         summary = bytearray()
         offsets = bytearray()
         for opcode, members in groups:
-            if not members:
-                continue
             begin = len(summary)
-            summary += b"".join(map(_bytes_of, members))
-            offset = records.SummaryOffset(opcode, start + begin, len(summary) - begin)
-            offsets += _bytes_of(offset)
+            summary += b"".join(members)
+            if len(summary) > begin:
+                offset = records.SummaryOffset(opcode, start + begin, len(summary) - begin)
+                offsets += _bytes_of(offset)
         offset_start = start + len(summary)
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
         crc = zlib.crc32(bytes(summary) + bytes(offsets) + footer)
         self._write(bytes(summary) + bytes(offsets) + footer + struct.pack("<I", crc))
+
+
+def _chunk_index(chunk: Chunk, start: int, end: int, after: int, offsets: list[int]) -> bytes:
+    """Record of the summary about a chunk.
+
+    Parameters
+    ----------
+    start, end, after : int
+        Where the chunk begins and ends, and where the indexes behind it end.
+    offsets : list of int
+        Channel and place of each of these.
+    """
+    name = chunk.compression.encode()
+    pairs = len(offsets) // 2
+    body = struct.pack(
+        f"<QQQQI{'HQ' * pairs}QI{len(name)}sQQ",
+        chunk.start_time & _U64,
+        chunk.end_time & _U64,
+        start,
+        end - start,
+        10 * pairs,
+        *offsets,
+        after - end,
+        len(name),
+        name,
+        chunk.compressed_size,
+        chunk.size,
+    )
+    return struct.pack("<BQ", Opcode.CHUNK_INDEX, len(body)) + body
 
 
 def _bytes_of(record: records.McapRecord) -> bytes:

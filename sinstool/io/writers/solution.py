@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from sinstool.core import earth
+from sinstool.core.congruence import congruent
 from sinstool.core.rotation import conjugate, multiply, rotate, to_dcm, to_euler
 from sinstool.core.streams import Diagnostics, Solution, concatenate
 from sinstool.io.messages.definitions import md5_sum, ros1_type_name, schema_text, type_hash
@@ -114,7 +115,7 @@ class Rows:
     def in_body(self, covariance_n: np.ndarray) -> np.ndarray:
         """NED covariances in the log's body axes."""
         c_nb = turn_body(to_dcm(self.solution.q_nb), self.frames.body_axes)
-        return np.swapaxes(c_nb, 1, 2) @ covariance_n @ c_nb
+        return congruent(np.swapaxes(c_nb, 1, 2), covariance_n)
 
 
 def stamp(time_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

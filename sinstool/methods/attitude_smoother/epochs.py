@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.memory import joined
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import dcm, to_unit
 from sinstool.core.streams import Solution
@@ -166,7 +167,7 @@ class EpochStage:
             _close(row)
             rows.append(row[None, :])
             ends.append(np.array([self._state[4]]))
-        values = np.concatenate(rows) if rows else np.empty((0, WIDTH))
+        values = joined(rows) if rows else np.empty((0, WIDTH))
         _note_turns(values)
         seconds = np.concatenate([[0.0], *ends])
         times = (self._origin or 0) + np.rint(seconds * SECOND).astype(np.int64)

@@ -71,11 +71,12 @@ def with_rest(
     moves: Callable[[int, int], bool] | None = None,
     spans: Iterable[tuple[int, int]] = (),
 ) -> Epochs:
-    """The epochs, with those at rest marked.
+    """Mark the epochs at rest.
 
     Parameters
     ----------
     epochs : Epochs
+        They are marked in place, as a long log's take much memory.
     moves : callable, optional
         Whether something else, as GNSS, shows motion between two times (ns).
     spans : iterable of (int, int), optional
@@ -85,8 +86,9 @@ def with_rest(
     Returns
     -------
     Epochs
+        The same.
     """
-    values = epochs.values.copy()
+    values = epochs.values
     values[:, REST] = 0.0
     still = _still(epochs)
     for start_ns, end_ns in spans:
@@ -97,7 +99,7 @@ def with_rest(
     _note_sway(values, still)
     still &= _agreeing(values, still)
     values[still, REST] = AT_REST
-    return replace(epochs, values=values)
+    return epochs
 
 
 def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -> Epochs:

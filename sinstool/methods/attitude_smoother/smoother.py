@@ -29,6 +29,8 @@ from sinstool.methods.attitude_smoother.start import NO_KINDS, Prior, first_stat
 NO_PRIOR = Prior()
 # Epochs whose steps of the filter are stored at a time.
 SEGMENT = 500
+# Epochs whose turns are computed at a time
+AT_ONCE = 1 << 14
 # m/s^2: gravity on Earth, and how far from it that is anywhere below 3 km.
 MEAN_GRAVITY, GRAVITY_RANGE = 9.807, 0.03
 UNKNOWN_HEADING = np.pi / np.sqrt(3.0)  # rad
@@ -150,12 +152,22 @@ def smooth(
     return Correction(
         epochs.time_ns,
         q,
-        log(multiply(q[1:], conjugate(q[:-1]))),
+        _turns(q),
         smoothed[:, state.B : state.B + 3].copy(),
         attitude,
         np.sqrt(covariance[:, 9:12]),
         accel_bias,
     )
+
+
+def _turns(q: FloatArray) -> FloatArray:
+    """Rotation vectors from each attitude to the next."""
+    out = np.empty((max(len(q) - 1, 0), 3))
+    # So many at a time, as each is in memory several times meanwhile
+    for begin in range(0, len(out), AT_ONCE):
+        end = min(begin + AT_ONCE, len(out))
+        out[begin:end] = log(multiply(q[begin + 1 : end + 1], conjugate(q[begin:end])))
+    return out
 
 
 @dataclass(frozen=True)
@@ -269,8 +281,8 @@ def _first(
 
 def _moved(before: FloatArray, after: FloatArray) -> float:
     """Largest change of the tilt between two passes, rad."""
-    up = [a[:, :9].reshape(-1, 3, 3)[:, 2] for a in (before, after)]
-    return float(np.sqrt(np.max(np.sum((up[1] - up[0]) ** 2, axis=1))))
+    up = slice(6, 9)  # the last row of the attitude matrix
+    return float(np.sqrt(np.max(np.sum((after[:, up] - before[:, up]) ** 2, axis=1))))
 
 
 def _pass(

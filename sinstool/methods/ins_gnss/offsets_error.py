@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.congruence import congruent
 from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
@@ -68,8 +69,9 @@ class OffsetsError:
         self._time_ns, self._shift = time[latest], shift[latest]
         return replace(
             solution,
-            covariance_position_n=position + self._square(now),
-            covariance_velocity_n=velocity + self._square((now - before) / (HELD_NS / SECOND)),
+            covariance_position_n=position + congruent(now, self._moment),
+            covariance_velocity_n=velocity
+            + congruent((now - before) / (HELD_NS / SECOND), self._moment),
             covariance_attitude_n=attitude + self._attitude,
         )
 
@@ -80,6 +82,3 @@ class OffsetsError:
         when_ns = (when - time[0]).astype(np.float64)
         between = np.stack([np.interp(when_ns, since, column) for column in columns], axis=1)
         return between.reshape(-1, 3, 4)
-
-    def _square(self, shift: FloatArray) -> FloatArray:
-        return np.asarray(shift @ self._moment @ np.swapaxes(shift, 1, 2))

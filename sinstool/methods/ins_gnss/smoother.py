@@ -39,6 +39,13 @@ import numpy as np
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import displaced
 from sinstool.core.rotation import exp, multiply, normalise, wrapped
+from sinstool.methods.ins_gnss.between_rows import (
+    ALONE,
+    BEFORE,
+    BETWEEN,
+    covariances_between,
+    errors_between,
+)
 from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
 from sinstool.methods.ins_gnss.rts import smooth_backward
 from sinstool.methods.ins_gnss.states import (
@@ -252,12 +259,21 @@ def smooth_updates(
     length: FloatArray = (smoothed.time_ns[right] - begin).astype(np.float64) * 1e-9
     length[length <= 0.0] = 1.0
     s: FloatArray = np.clip((updates.time_ns - begin) * 1e-9 / length, 0.0, 1.0)
-    alone = (span == rows) | ((span < rows) & smoothed.starts[right])
-    e0 = np.where((span > 0)[:, None], smoothed.error[left], smoothed.first_error)
-    e1 = np.where((span < rows)[:, None], smoothed.error_before[right], e0)
-    e0[alone], e1[alone] = 0.0, 0.0
-    error = e0 + s[:, None] * (e1 - e0)
-    error[:, POSITION : POSITION + 3] = _position_error(e0, e1, s, length, kind.network)
+    place = np.where(span > 0, BETWEEN, BEFORE)
+    place[(span == rows) | smoothed.starts[right]] = ALONE
+    error = np.empty((len(number), kind.size))
+    errors_between(
+        smoothed.error,
+        smoothed.error_before,
+        smoothed.first_error,
+        left,
+        right,
+        place,
+        s,
+        length,
+        kind.network,
+        error,
+    )
     lat, lon, height = _moved(updates.latitude, updates.longitude, updates.height, error)
     force = updates.specific_force_b
     first = kind.first(ACCEL_SCALE)
@@ -271,14 +287,10 @@ def smooth_updates(
     lowest = int(left.min())
     corners = np.array(smoothed.covariance[lowest : int(right.max()) + 1, :CORNER, :CORNER])
 
-    def covariance(own: FloatArray, block: int) -> FloatArray:
-        part = slice(block, block + 3)
-        blocks = np.ascontiguousarray(corners[:, part, part])
-        c1, c0 = blocks[right - lowest], blocks[left - lowest]
-        c0[span == 0] = smoothed.first_covariance[part, part]
-        mixed = c0 + s[:, None, None] * (c1 - c0)
-        return np.where(alone[:, None, None], own, mixed)
-
+    covariances = [getattr(updates, name).copy() for name in COVARIANCES]
+    covariances_between(
+        corners, smoothed.first_covariance, left - lowest, right - lowest, place, s, *covariances
+    )
     return replace(
         updates,
         latitude=lat,
@@ -288,24 +300,8 @@ def smooth_updates(
         q_nb=_turned(updates.q_nb, error),
         omega_ib_b=updates.omega_ib_b - error[:, first : first + 3],
         specific_force_b=force,
-        covariance_position_n=covariance(updates.covariance_position_n, POSITION),
-        covariance_velocity_n=covariance(updates.covariance_velocity_n, VELOCITY),
-        covariance_attitude_n=covariance(updates.covariance_attitude_n, ATTITUDE),
+        **dict(zip(COVARIANCES, covariances, strict=True)),
     )
-
-
-def _position_error(
-    e0: FloatArray, e1: FloatArray, s: FloatArray, length: FloatArray, network: bool
-) -> FloatArray:
-    """Cubic of Hermite with the velocity errors as slopes."""
-    p, v = slice(POSITION, POSITION + 3), slice(VELOCITY, VELOCITY + 3)
-    x, span = s[:, None], length[:, None]
-    moved = e1[:, p] - e0[:, p]
-    v0, v1 = span * e0[:, v], span * e1[:, v]
-    out = e0[:, p] + x * (v0 + x * (3.0 * moved - 2.0 * v0 - v1 + x * (v0 + v1 - 2.0 * moved)))
-    if network:
-        out[:, 2] = e0[:, POSITION + 2] + s * moved[:, 2]
-    return np.asarray(out)
 
 
 class Smoother:

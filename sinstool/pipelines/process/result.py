@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from sinstool.core.finding import Finding
 from sinstool.core.result import Result
 from sinstool.pipelines.log_used import ImuTime, Lost
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process import summary
-from sinstool.pipelines.process.errors_against_truth import RunErrors
 from sinstool.pipelines.process.travel import Travel
+
+if TYPE_CHECKING:
+    from sinstool.pipelines.process.errors_against_truth import RunErrors
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,11 +16,11 @@ from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.methods.ins_gnss.withheld import WithheldScore
 from sinstool.pipelines.process.travel import Outages
-from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.grade import ImuGrade
 
 if TYPE_CHECKING:
     from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
+    from sinstool.pipelines.process.vehicle_used import VehicleUsed
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,12 @@
 import struct
+from io import BytesIO
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.records import ChunkIndex
 from mcap.writer import IndexType
 
 from sinstool.core.errors import (
@@ -450,3 +453,29 @@ def test_a_message_that_memory_has_no_room_for_is_refused_by_its_size(tmp_path, 
         open_log(path) as log,
     ):
         list(log.batches())
+
+
+@given(
+    offsets=st.dictionaries(st.integers(0, 2**16 - 1), st.integers(0, 2**64 - 1), max_size=5),
+    name=st.sampled_from(["", "zstd", "lz4", "other"]),
+    start=st.integers(0, 2**64 - 1),
+    cut=st.integers(0, 12),
+    flipped=st.one_of(st.none(), st.tuples(st.integers(0, 200), st.integers(0, 7))),
+)
+@settings(max_examples=300)
+def test_a_chunk_index_is_what_mcap_reads(offsets, name, start, cut, flipped):
+    index = ChunkIndex(1, start, name, 2, 3, 4, offsets, 5, 6)
+    builder = RecordBuilder()
+    index.write(builder)
+    body = bytearray(builder.end()[9:])
+    if flipped and flipped[0] < len(body):
+        body[flipped[0]] ^= 1 << flipped[1]
+    body = bytes(body[: len(body) - cut])
+    try:
+        read = ChunkIndex.read(ReadDataStream(BytesIO(body)))
+        expected = read.chunk_start_offset, frozenset(read.message_index_offsets)
+    except Exception:  # of any kind: it cannot be read
+        expected = None
+    log = object.__new__(McapLog)
+    log.damage = lambda *said: None
+    assert log._chunk_index(body, 0) == expected

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,7 @@ class FilterStart:
     noisier: tuple[float, float] = (1.0, 1.0)
     drifts: float = 1.0
 
-    @property
+    @cached_property
     def used(self) -> GnssEpochs:
         """Epochs that are not withheld."""
         return self.gnss.rows(~self.withheld)
