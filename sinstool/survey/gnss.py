@@ -204,7 +204,10 @@ def _velocities(
         findings += more
     fits = NO_EVIDENCE
     if fixes is not None and velocity is not None:
-        fits = agreement(fixes, velocity)
+        # While a receiver hangs its fixes deny any velocity
+        stuck = stuck_fixes(fixes)
+        moving = velocity.rows(~stuck_velocities(fixes, stuck, velocity))
+        fits = agreement(fixes.rows(~stuck), moving)
     odometry = channels[0].type == VELOCITY_TYPES[2]
     child = frame_id(log, channels, field="child_frame_id") if odometry else None
     frame = odd_frame(frame_id(log, channels), child)

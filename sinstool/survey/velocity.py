@@ -160,8 +160,8 @@ def _likeness(
     forward, left = np.sqrt(np.mean(velocity.velocity_n[:, [1, 0]] ** 2, axis=0))
     if left < 0.2 * forward:
         return "it is as if along the vehicle's own axes, forward and left"
-    ratio = float(np.median(np.abs(said))) / float(np.median(np.abs(moved)))
-    if 0.8 < ratio < 1.25:
+    usual, fixed = (float(np.median(np.abs(each))) for each in (said, moved))
+    if 0.8 * fixed < usual < 1.25 * fixed:
         return "its speed matches the fixes, its course does not"
     return ""
 

@@ -102,3 +102,24 @@ def test_it_is_said_how_long_a_receiver_hangs(tmp_path, hung):
         assert "hangs for" in findings[0].text
         gap = np.diff(aiding.gnss.time_ns) * 1e-9
         assert gap.max() == pytest.approx(findings[0].numbers["seconds"] + 0.2, abs=0.05)
+
+
+def test_a_velocity_is_not_denied_by_fixes_that_hang(tmp_path):
+    """Left out before: while the fixes stand still ten ways of a hundred metres are off by all."""
+    truth = drive(41, 150.0, rest=20.0)
+    data = record(truth, PERFECT, 41, gnss_rate=5.0, sigma=0.05, sigma_v=0.05)
+    data = frozen(data, 40.0, 70.0)
+    with open_log(write(tmp_path / "log.mcap", data)) as log:
+        aiding = read_gnss(log, InputOptions(), False)
+    assert "stuck-fixes" in {finding.kind for finding in aiding.findings}
+    assert aiding.velocity_topic and aiding.gnss.has_velocity.any()
+    assert "velocity-left-out" not in {finding.kind for finding in aiding.findings}
+
+
+def test_fixes_that_stand_to_the_end_while_the_velocity_goes_on(tmp_path):
+    """A ZeroDivisionError before, where most ways by fixes are zero."""
+    data = record(drive(41, 150.0, rest=20.0), PERFECT, 41, gnss_rate=5.0, sigma_v=0.05)
+    data = frozen(data, 40.0, 200.0)
+    with open_log(write(tmp_path / "log.mcap", data)) as log:
+        aiding = read_gnss(log, InputOptions(), False)
+    assert "velocity-left-out" in {finding.kind for finding in aiding.findings}

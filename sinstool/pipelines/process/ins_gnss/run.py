@@ -300,7 +300,9 @@ class FilterRun(Mode):
         if not self._gnss:
             return []
         p, gnss = self._start, concatenate(self._gnss)
-        restarts = summed(self._stretches).restarts
+        # After a gap of the Imu the filter begins anew, whatever the fixes
+        events = Counter(event.kind for event in events_of(self._stretches))
+        restarts = events["restart"] + events["covariance-lost"]
         updates = concatenate(self._first) if not restarts else self._plain_first()
         findings = diagnose(p.start, updates, gnss, p.used, p.settings, restarts, p.offsets)
         return [self._completed(f) for f in findings if self._matters(f)]
