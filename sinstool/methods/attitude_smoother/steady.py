@@ -18,6 +18,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     DV,
     GYRO,
     JB,
+    MOVING,
     QUIET,
     REST,
     STEADY,
@@ -78,12 +79,12 @@ def with_steady(
     """
     kinds = epochs.values[:, REST]
     shake = epochs.values[:, ACCEL_VARIANCE : ACCEL_VARIANCE + 3].sum(axis=1)
-    moving = shake[~looks_at_rest & ~epochs.gap]
-    calm = CALM * float(np.median(moving)) if len(moving) else np.inf
+    moving = shake[(kinds == MOVING) & ~epochs.gap]
+    calm = CALM * float(np.median(moving)) if len(moving) >= LULL else np.inf
     short = np.zeros(len(kinds), np.bool_)
     for begin, end in runs(looks_at_rest):
         rest = begin + np.flatnonzero(kinds[begin:end] == AT_REST)
-        short[rest] = 0 < len(rest) < LULL and float(np.median(shake[rest])) > calm
+        short[rest] = len(rest) > 0 and float(np.median(shake[rest])) > calm
     doubted = looks_at_rest & ((kinds < AT_REST) | short)
     long = any(end - begin >= LULL for begin, end in runs(doubted))
     if motion.c0 or not (long or short.any()):
@@ -95,6 +96,7 @@ def with_steady(
     rounds = 2 if sensors.accel_bias < GOOD_ACCEL_BIAS else 1
     for _ in range(rounds if long else 0):
         smoothed = smooth(replace(epochs, values=values), motion, sensors, prior)
+        smoothed = smoothed.at(epochs.time_ns)
         agrees = _agrees(epochs, looks_at_rest, sensors, smoothed)
         values = values.copy()
         values[:, REST] = np.where(doubted & agrees, STEADY, alone)

@@ -20,6 +20,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     MOVING,
     REST,
     W2,
+    merged,
 )
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.model import (
@@ -34,9 +35,13 @@ from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.start import first_state, parameters
 from tests.helpers.matched_motion import drawn, epochs_of, tilt_error
 
-# No bias of the accelerometers: the smoother has no state for it and only adds it to its sigma.
+# No bias of the accelerometers: for that of a hand the smoother has no state, and only adds it to
+# its sigma.
 SENSORS = SensorModel(bias=0.005, accel_bias=0.0)
 UNKNOWN_BIAS = replace(SENSORS, bias=0.03)
+# For that of a vehicle it has. To the sigma it adds the constant part of errors that grow with the
+# rate, which is none here: what is drawn is noise.
+BIASED = replace(SENSORS, accel_bias=0.05, rate_error=5e-4)
 CASES = {
     "hand": (HAND, SENSORS, 1.0),
     "vehicle": (VEHICLE, SENSORS, 0.1),
@@ -45,6 +50,8 @@ CASES = {
     "it goes where it points, bias unknown": (FOLLOWER, UNKNOWN_BIAS, 0.1),
     "hand, bias unknown": (HAND, UNKNOWN_BIAS, 1.0),
     "vehicle, bias unknown": (VEHICLE, UNKNOWN_BIAS, 0.1),
+    "vehicle, biased accelerometers": (VEHICLE, BIASED, 0.1),
+    "it goes where it points, biased accelerometers": (FOLLOWER, BIASED, 0.1),
 }
 
 
@@ -148,7 +155,7 @@ def test_heading_gets_less_certain_by_the_noise_of_the_gyros_alone():
     epochs = epochs_of(log_.solution)
     heading = smoother.smooth(epochs, VEHICLE, known).covariance_n[:, 2, 2]
     walk = parameters(VEHICLE, known)[filter_step.WALK]
-    rows = epochs.values
+    rows = merged(epochs, smoother.COARSE).values
     noise = walk**2 * rows[:, DURATION] + known.rate_error**2 * rows[:, W2]
     expected = 1e-8 + np.concatenate([[0.0], np.cumsum(noise)])
     assert heading == pytest.approx(expected, rel=1e-5)
@@ -271,6 +278,7 @@ def test_the_smoother_is_the_least_squares_solution_of_all_epochs(motion, monkey
     # iterated to the end, for least squares are
     monkeypatch.setattr(smoother, "LARGE_BIAS", 0.0)
     monkeypatch.setattr(smoother, "CLOSE", 1e-12)
+    monkeypatch.setattr(smoother, "COARSE", 1)
     log_ = drawn(motion, SENSORS, 3.0, 3, turning=0.5)
     epochs = epochs_of(log_.solution)
     found = smoother.smooth(epochs, motion, SENSORS)
@@ -403,3 +411,35 @@ def test_gravity_in_a_log_shows_one_of_four_axes_of_accelerometers(grade):
     near = smoother.MEAN_GRAVITY + 0.9 * smoother.GRAVITY_RANGE
     assert smoother._accel_bias(grade, near, None) == pytest.approx(np.sqrt(0.75) * grade)
     assert smoother._accel_bias(0.0, 9.0, 9.8) == 0.0
+
+
+@pytest.mark.parametrize("grade", [0.03, 0.3])
+def test_a_vehicle_that_turns_about_shows_the_bias_of_its_accelerometers(grade):
+    """Also where it is many times that of the grade, which then says nothing of the others."""
+    off, sigmas = [], []
+    for seed in range(6):
+        drives = replace(SENSORS, accel_bias=0.3, rate_error=5e-4)
+        log_ = drawn(FOLLOWER, drives, 600.0, seed, turning=0.15)
+        graded = replace(drives, accel_bias=grade)
+        found = smoother.smooth(epochs_of(log_.solution), FOLLOWER, graded)
+        off.append(log_.accel_bias - found.accel_bias)
+        sigmas.append(found.accel_bias_sigma)
+    sigma = np.sqrt(np.mean(np.square(sigmas)))
+    assert sigma < 0.12
+    assert np.sqrt(np.mean(np.square(off))) < 1.5 * sigma
+
+
+def test_a_bias_by_which_the_first_attitude_was_levelled():
+    """The filter says the same of both: the tilt is off by the bias, whichever it is."""
+    biased = replace(SENSORS, accel_bias=0.05)
+    log_ = drawn(VEHICLE, biased, 10.0, 3, turning=0.0)
+    motion = replace(VEHICLE, finds_bias=True)
+    epochs = epochs_of(log_.solution)
+    _, p = first_state(epochs, motion, biased, 1e-3)
+    body = epochs.values[0, JB : JB + 9].reshape(3, 3) / EPOCH_S
+    shown = np.zeros((2, len(p)))
+    shown[0, 1], shown[1, 0] = -GRAVITY, GRAVITY
+    shown[:, 10:] = -body[:2]
+    level = shown @ p @ shown.T
+    assert np.sqrt(np.diag(level)) == pytest.approx(np.full(2, GRAVITY * 1e-3), rel=1e-2)
+    assert np.sqrt(p[[0, 1], [0, 1]]) == pytest.approx(np.hypot(1e-3, 0.05 / GRAVITY), rel=1e-2)
