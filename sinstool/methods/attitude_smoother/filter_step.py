@@ -24,6 +24,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     STEADY,
     SWAY_FORCE,
     SWAY_RATE,
+    TURN_DOUBT,
     TURNED,
     W2,
 )
@@ -248,7 +249,18 @@ def measure(
             steady += SWAY_LASTS * EPOCH_S / t * par[VELOCITY_VARIANCE] / SEMI_MAJOR_AXIS**2
         rates = _rate_at_rest(row, par, x)
         for i in range(3):
-            update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, rates[i], steady, gain, dx)
+            if row[TURN_DOUBT] == 0.0:
+                update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, rates[i], steady, gain, dx)
+                continue
+            # in navigation axes, as what it may turn is about the vertical
+            z = 0.0
+            for j in range(n):
+                slope[j] = 0.0
+            for j in range(3):
+                slope[XB + j] = _along(row, x, i, j) / t
+                z += slope[XB + j] * rates[j]
+            doubt = row[TURN_DOUBT] if i == 2 else 0.0
+            update_row(p, n, slope, z, steady + doubt, gain, dx)
     if len(field):
         measure_heading(field[k], n, x, p, gain, dx)
     return likelihood

@@ -45,8 +45,9 @@ CALM = 0.25
 # The first smoothed attitude knows nothing of steady travel, the second what agrees with the first.
 # A bias of the accelerometers above this, m/s^2, hides too much for a second.
 GOOD_ACCEL_BIAS = 0.02
-# A tilt less certain than this, as level specific force, leaves room for an acceleration, m/s^2.
-KNOWN_TILT = 0.1
+# A tilt less certain than this, as level specific force in m/s^2, leaves room for an acceleration,
+# beside twice what constant errors of the sensors make it.
+KNOWN_TILT = 0.065
 
 
 def with_steady(
@@ -91,7 +92,7 @@ def with_steady(
         return epochs
     values = epochs.values.copy()
     values[short | (kinds == STEADY), REST] = QUIET
-    note_doubt(values)
+    note_doubt(values, sensors)
     alone = values[:, REST].copy()
     rounds = 2 if sensors.accel_bias < GOOD_ACCEL_BIAS else 1
     for _ in range(rounds if long else 0):
@@ -101,7 +102,7 @@ def with_steady(
         values = values.copy()
         values[:, REST] = np.where(doubted & agrees, STEADY, alone)
         drop_lulls(values)
-        note_doubt(values)
+        note_doubt(values, sensors)
     return replace(epochs, values=values)
 
 
@@ -122,11 +123,13 @@ def _agrees(
     rate = rows[:, GYRO : GYRO + 3] - np.einsum("nji,nj->ni", turned, earth) - bias
     variance = np.einsum("nii->ni", smoothed.covariance_n)[:-1]
     tilted = GRAVITY**2 * variance[:, [1, 0]]
+    constant = sensors.accel_bias**2 + (GRAVITY * sensors.rate_error) ** 2
+    known = KNOWN_TILT**2 + 4.0 * constant
     agrees = np.zeros(len(rows), np.bool_)
     for begin, end in runs(still):
         part = slice(begin, end)
         steady = smoothed.gyro_bias_sigma[begin:end] ** 2 + sensors.zero_rate**2 + TRANSPORT_RATE**2
-        agrees[part] = np.all(tilted[part] < KNOWN_TILT**2, axis=1)
+        agrees[part] = np.all(tilted[part] < known, axis=1)
         # short windows show what the mean of a long one hides: a start at the end of a rest
         for wide in (min(LULL, end - begin), min(LONG_WINDOW, end - begin)):
             lasts = min(1.0, SWAY_LASTS / wide)

@@ -345,26 +345,40 @@ def test_gentle_braking_is_not_steady():
     assert np.sqrt(np.mean((tilt / sigma) ** 2)) < 1.2
 
 
+def known_level(epochs, tilt_sigma):
+    """A correction that finds a level vehicle level, by so much."""
+    n = len(epochs)
+    return Correction(
+        epochs.time_ns,
+        q=np.tile([1.0, 0.0, 0.0, 0.0], (n + 1, 1)),
+        turn=np.zeros((n, 3)),
+        gyro_bias=np.zeros((n + 1, 3)),
+        covariance_n=np.tile(tilt_sigma**2 * np.eye(3), (n + 1, 1, 1)),
+        gyro_bias_sigma=np.full((n + 1, 3), 1e-6),
+        accel_bias_sigma=0.0,
+        accel_bias=None,
+    )
+
+
 def test_a_start_at_the_end_of_a_rest_is_not_steady():
     # The mean over all that looks like rest is small, that of its last seconds is not.
     sensors = sensor_model("navigation", walk_at_rest=None, bias_known=False, earth_removed=True)
     solution, _ = ride([(20, 0, 0), (3, 0.08, 0), (4, 0.16, 0)], sensors, 5)
     epochs = with_rest(epochs_of(solution))
     assert epochs.rest.all(), "else this test shows nothing"
-    n = len(epochs)
-    level = Correction(
-        epochs.time_ns,
-        q=np.tile([1.0, 0.0, 0.0, 0.0], (n + 1, 1)),
-        turn=np.zeros((n, 3)),
-        gyro_bias=np.zeros((n + 1, 3)),
-        covariance_n=np.tile(0.003**2 * np.eye(3), (n + 1, 1, 1)),
-        gyro_bias_sigma=np.full((n + 1, 3), 1e-6),
-        accel_bias_sigma=sensors.accel_bias,
-        accel_bias=None,
-    )
-    agrees = _agrees(epochs, epochs.rest, sensors, level)
+    agrees = _agrees(epochs, epochs.rest, sensors, known_level(epochs, 0.003))
     assert np.mean(agrees[:80]) > 0.95
     assert not agrees[-15:].any()
+
+
+@pytest.mark.parametrize("grade, steady", [("navigation", False), ("mems", True)])
+def test_a_tilt_that_leaves_room_for_an_acceleration_shows_no_steady_travel(grade, steady):
+    """That is much for good sensors, and what the bias of a MEMS makes anyway."""
+    sensors = sensor_model(grade, walk_at_rest=None, bias_known=False, earth_removed=True)
+    solution, _ = ride([(27, 0, 0)], sensors, 5)
+    epochs = with_rest(epochs_of(solution))
+    agrees = _agrees(epochs, epochs.rest, sensors, known_level(epochs, 0.08 / GRAVITY))
+    assert np.mean(agrees) == (1.0 if steady else 0.0)
 
 
 FLIGHT = [(60, 0, 0), (100, 0, 0.02), (80, 0, 0), (60, 0.4, 0), (120, 0, -0.015), (180, 0, 0)]
@@ -406,7 +420,7 @@ def test_slow_sway_does_not_show_the_bias_of_a_good_gyro():
     random = np.random.default_rng(9)
     parts = [(9, 0, rate) for rate in 5e-4 * random.standard_normal(6)]
     parts = [one for part in parts for one in (part, (20, 0.3, 0.02), (20, -0.3, -0.02))]
-    solution, _ = ride(parts, sensors, 9, first_speed=8.0, sway=1e-4)
+    solution, _ = ride(parts, sensors, 9, first_speed=8.0, sway=3e-4)
     marked = with_rest(epochs_of(solution))
     after = with_steady(confirmed(marked, sensors), marked.rest, VEHICLE, sensors)
     kinds = after.values[:, REST]
@@ -417,11 +431,12 @@ def test_slow_sway_does_not_show_the_bias_of_a_good_gyro():
     assert np.abs(found.gyro_bias).max() < 3.0 * found.gyro_bias_sigma.max()
 
 
-def test_a_lull_of_some_seconds_is_no_stop():
-    # Calm for four seconds at 12 m/s, in which a velocity of zero would be a false acceleration.
+@pytest.mark.parametrize("seconds", [4, 12])
+def test_a_lull_is_no_stop(seconds):
+    # Calm for some seconds at 12 m/s, in which a velocity of zero would be a false acceleration.
     sensors = sensor_model("tactical", walk_at_rest=None, bias_known=False, earth_removed=True)
     driving = [(2, 1.5, 0.1), (2, -1.5, -0.1)]
-    parts = [*10 * driving, (4, 0, 0), *30 * driving]
+    parts = [*10 * driving, (seconds, 0, 0), *30 * driving]
     solution, _ = ride(parts, sensors, 6, first_speed=12.0)
     marked = with_rest(epochs_of(solution))
     before = confirmed(marked, sensors)
@@ -434,3 +449,24 @@ def test_a_lull_of_some_seconds_is_no_stop():
     calm[marked.rest, ACCEL_VARIANCE : ACCEL_VARIANCE + 3] *= 0.1
     stops = with_steady(replace(before, values=calm), marked.rest, VEHICLE, sensors)
     assert np.array_equal(stops.at_rest, before.at_rest)
+
+
+def test_one_long_bend_is_not_the_bias_of_gyros():
+    """Of which nothing else is known: it shows the bias but for that of a slow turn."""
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=False, earth_removed=True)
+    driving = [(4, 1.5, 0.2), (4, -1.5, 0.1), (4, 1.0, -0.25), (4, -1.0, -0.12)]
+    parts = [*6 * driving, (250, 0, 0.006), *10 * driving]
+    solution, q_true = ride(parts, sensors, 7, first_speed=8.0)
+    marked = with_rest(epochs_of(solution))
+    before = confirmed(marked, sensors)
+    motion = find_motion(before, sensors).model
+    after = with_steady(before, marked.rest, motion, sensors)
+    bend = of_part(parts, marked) == len(6 * driving)
+    assert np.mean(after.rest[bend]) > 0.9, "else this test shows nothing"
+    found = smooth(after, motion, sensors)
+    assert np.all(np.abs(found.gyro_bias[-1]) < 4.0 * found.gyro_bias_sigma[-1])
+    assert np.all(found.gyro_bias_sigma[-1, :2] < 3e-4)
+    after = found.apply(solution)
+    tilt, _ = tilt_error(q_true, after.q_nb)
+    sigma = np.sqrt(np.einsum("nii->ni", after.covariance_attitude_n))[:, :2]
+    assert np.sqrt(np.mean((tilt / sigma) ** 2)) < 0.8
