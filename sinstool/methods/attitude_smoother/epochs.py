@@ -27,8 +27,8 @@ DV, DP = map(np.int64, (2, 5))
 GYRO, ACCEL, GYRO_VARIANCE, ACCEL_VARIANCE, COUNT = 20, 23, 26, 29, 32
 OWN_RATE, SWAY_RATE, SWAY_FORCE, RATE_DOUBT = 33, 34, 35, 36
 TURNED: Any = np.int64(37)
-TURN_DOUBT = 40
-WIDTH = 41
+TURN_DOUBT, FORCE_DOUBT = 40, 41
+WIDTH = 42
 # What an epoch is. It does not turn where it is quiet, nor accelerate where it is steady, nor move
 # at rest.
 MOVING, QUIET, STEADY, AT_REST = range(4)
@@ -57,8 +57,8 @@ class Epochs:
         many samples; at rest, the variance of an axis' mean rate by its noise, and those of the
         mean rate and the mean specific force from epoch to epoch; where a rest is to be confirmed,
         how far sway may have left the mean rate from the bias, as a variance; in navigation axes
-        the angle turned (rad), a mean over `WAY_TURNS` epochs; the variance of a turn about the
-        vertical that looks like none.
+        the angle turned (rad), a mean over `WAY_TURNS` epochs; variances of a turn about the
+        vertical that looks like none, and of an acceleration that does.
     omega_in_n : ndarray, shape (3,)
         What the integration took for the rate of NED, rad/s.
     """
@@ -389,8 +389,8 @@ def merged(epochs: Epochs, length: int, by_kind: bool = False) -> Epochs:
         summed = np.add.reduceat(rows[:, columns] * weight[:, None], first, axis=0)
         together[:, columns] = summed / np.add.reduceat(weight, first)[:, None]
     together[:, REST] = np.minimum.reduceat(rows[:, REST], first)
-    # variances of the mean rate, each of an epoch
-    for column in (OWN_RATE, SWAY_RATE, RATE_DOUBT, TURN_DOUBT):
+    # variances of means, each of an epoch
+    for column in (OWN_RATE, SWAY_RATE, RATE_DOUBT, TURN_DOUBT, FORCE_DOUBT):
         together[:, column] /= many
     return replace(
         epochs, time_ns=np.append(epochs.time_ns[first], epochs.time_ns[-1]), values=together

@@ -12,6 +12,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     DP,
     DURATION,
     DV,
+    FORCE_DOUBT,
     GAP,
     GYRO,
     JB,
@@ -199,6 +200,8 @@ def measure(
     r = REST_DENSITY if rest else par[DENSITY]
     missed = GRAVITY * STOP_RATE * row[SATURATED]
     variance = r * r / t + missed * missed
+    if kind == STEADY:
+        variance += row[FORCE_DOUBT]
     likelihood = 0.0
     force = felt(x, row, DV, 0.5)
     for i in range(3):

@@ -16,6 +16,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     AT_REST,
     DURATION,
     DV,
+    FORCE_DOUBT,
     GYRO,
     JB,
     MOVING,
@@ -74,42 +75,52 @@ def with_steady(
     -------
     Epochs
         Steady are those that looked like rest for `LULL` on end, where the smoothed tilt is known
-        and their mean specific force and rate are those of gravity and of the bias. A rest that is
-        shorter, and in which the vehicle shakes as in motion, may be a lull: it only shows the
-        bias.
+        and their mean specific force and rate are those of gravity and of the bias. A rest in which
+        the vehicle shakes as in motion may be a lull, which only shows the bias.
     """
     kinds = epochs.values[:, REST]
     shake = epochs.values[:, ACCEL_VARIANCE : ACCEL_VARIANCE + 3].sum(axis=1)
     moving = shake[(kinds == MOVING) & ~epochs.gap]
     calm = CALM * float(np.median(moving)) if len(moving) >= LULL else np.inf
-    short = np.zeros(len(kinds), np.bool_)
+    lull = np.zeros(len(kinds), np.bool_)
     for begin, end in runs(looks_at_rest):
         rest = begin + np.flatnonzero(kinds[begin:end] == AT_REST)
-        short[rest] = len(rest) > 0 and float(np.median(shake[rest])) > calm
-    doubted = looks_at_rest & ((kinds < AT_REST) | short)
+        lull[rest] = len(rest) > 0 and float(np.median(shake[rest])) > calm
+    doubted = looks_at_rest & ((kinds < AT_REST) | lull)
     long = any(end - begin >= LULL for begin, end in runs(doubted))
-    if motion.c0 or not (long or short.any()):
+    if motion.c0 or not (long or lull.any()):
         return epochs
     values = epochs.values.copy()
-    values[short | (kinds == STEADY), REST] = QUIET
+    values[lull | (kinds == STEADY), REST] = QUIET
     note_doubt(values, sensors)
     alone = values[:, REST].copy()
     rounds = 2 if sensors.accel_bias < GOOD_ACCEL_BIAS else 1
     for _ in range(rounds if long else 0):
         smoothed = smooth(replace(epochs, values=values), motion, sensors, prior)
         smoothed = smoothed.at(epochs.time_ns)
-        agrees = _agrees(epochs, looks_at_rest, sensors, smoothed)
+        agrees, tilted = _agrees(epochs, looks_at_rest, sensors, smoothed)
         values = values.copy()
         values[:, REST] = np.where(doubted & agrees, STEADY, alone)
         drop_lulls(values)
         note_doubt(values, sensors)
+        # one acceleration all along, as large as that tilt could hide
+        for begin, end in runs(values[:, REST] == STEADY):
+            hidden = float(np.mean(tilted[begin:end]))
+            values[begin:end, FORCE_DOUBT] = hidden * (end - begin)
     return replace(epochs, values=values)
 
 
 def _agrees(
     epochs: Epochs, still: np.ndarray, sensors: SensorModel, smoothed: Correction
-) -> np.ndarray:
-    """Where force and rate, as means over a window, are those of steady travel, shape (n,)."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where force and rate, as means over a window, are those of steady travel.
+
+    Returns
+    -------
+    agrees : ndarray of bool, shape (n,)
+    hidden : ndarray, shape (n,)
+        Variance of a level acceleration that the tilt leaves room for, m^2/s^4.
+    """
     rows, bias = epochs.values, smoothed.gyro_bias[:-1]
     seconds = rows[:, DURATION, None]
     matrix = to_dcm(smoothed.q[:-1])
@@ -139,4 +150,4 @@ def _agrees(
             turns = np.stack([mean_over(axis, wide) for axis in rate[part].T], axis=1)
             agrees[part] &= np.all(pulled**2 < ACCELERATES * level, axis=1)
             agrees[part] &= np.all(turns**2 < DENIED * turning, axis=1)
-    return agrees
+    return agrees, np.maximum(tilted.max(axis=1) - constant, 0.0)

@@ -256,3 +256,37 @@ def test_a_bias_of_the_accelerometers_is_a_force_that_turns_with_the_body():
     filter_step.measure(row, NO_FIELD, 0, par, n, x, p, *work, MOVING)
     np.testing.assert_allclose(dx[10:], expected[10:], rtol=1e-6)
     np.testing.assert_allclose(p[10:, 10:], less_sure[10:, 10:], rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("hidden", [0.0, 0.2**2])
+def test_steady_travel_shows_the_tilt_but_for_an_acceleration_that_looks_like_none(hidden):
+    n, known = 10, 0.03
+    row = an_epoch(DV=(0.1 * T, 0.0, -GRAVITY * T), FORCE_DOUBT=hidden)
+    row[JB : JB + 9], row[REST] = T * np.eye(3).ravel(), STEADY
+    x, p, dx = np.zeros(STATE), np.zeros((n, n)), np.zeros(n)
+    x[:9] = np.eye(3).ravel()
+    p[0, 0] = p[1, 1] = known**2
+    par = np.zeros(filter_step.PARAMETERS)
+    par[filter_step.ZERO_RATE] = 1e-3
+    filter_step.measure(row, NO_FIELD, 0, par, n, x, p, np.empty(n), dx, np.empty((n, n)), STEADY)
+    noise = filter_step.REST_DENSITY**2 / T + hidden
+    gain = (GRAVITY * known) ** 2 / ((GRAVITY * known) ** 2 + noise)
+    np.testing.assert_allclose(dx[:2], [0.0, gain * 0.1 / GRAVITY], atol=1e-12)
+    np.testing.assert_allclose(p[[0, 1], [0, 1]], (1.0 - gain) * known**2, rtol=1e-9)
+
+
+def test_what_may_be_a_slow_turn_shows_the_bias_but_about_the_vertical():
+    n, known, turn = 10, 1e-2, 3e-3
+    row = an_epoch(DV=(0.0, 0.0, -GRAVITY * T), TURN_DOUBT=turn**2)
+    body = Rotation.from_euler("xyz", [0.3, -0.4, 0.5]).as_matrix()
+    row[JB : JB + 9], row[REST] = T * body.ravel(), QUIET
+    x, p, dx = np.zeros(STATE), np.zeros((n, n)), np.zeros(n)
+    x[:9] = np.eye(3).ravel()
+    p[range(6, 9), range(6, 9)] = known**2
+    par = np.zeros(filter_step.PARAMETERS)
+    par[filter_step.DENSITY] = 1e3
+    row[filter_step.OWN_RATE] = 1e-10
+    filter_step.measure(row, NO_FIELD, 0, par, n, x, p, np.empty(n), dx, np.empty((n, n)), QUIET)
+    sigma = np.sqrt(np.diag(body @ p[6:9, 6:9] @ body.T))
+    left = known * turn / np.hypot(known, turn)
+    np.testing.assert_allclose(sigma, [1e-5, 1e-5, left], rtol=1e-3)
