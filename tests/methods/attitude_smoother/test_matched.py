@@ -96,14 +96,14 @@ def test_errors_are_as_large_as_the_covariance_says(case):
 @pytest.mark.parametrize("case", CASES)
 def test_errors_are_as_large_as_the_covariance_says_in_many_runs(case):
     tilt, bias, shares = consistency(case, range(1000, 1400))
-    # Where neither the tilt at the start nor the bias is known, few runs settle on a wrong minimum.
+    # Where neither the first tilt nor the bias is known, and a wrong bias turns the velocity,
+    # few runs settle on a wrong minimum.
     lost = tilt > 10.0
-    unknown = case in ("vehicle, bias unknown", "it goes where it points, bias unknown")
-    assert np.mean(lost) <= (0.02 if unknown else 0.0)
+    assert np.mean(lost) <= (0.015 if case == "it goes where it points, bias unknown" else 0.0)
     assert 0.9 < tilt[~lost].mean() < 1.1
     # One bias a run: 400 runs give their mean to 0.06, but for what turns a velocity, or tilts far
     bias = bias[~lost]
-    curved = unknown or "points" in case
+    curved = "points" in case or case == "vehicle, bias unknown"
     error = 2.0 * bias.std(ddof=1) / np.sqrt(len(bias)) if curved else 0.0
     assert error < 0.15 and abs(bias.mean() - 1.0) < 0.1 + error
     # Runs that are lost are among these
