@@ -29,6 +29,8 @@ class Drawn:
         True.
     bias : ndarray, shape (n, 3)
         True, beyond what was taken off, rad/s.
+    accel_bias : ndarray, shape (3,)
+        True, m/s^2.
     velocity, position : ndarray, shape (n, 3)
         True, about the motion's mean, m/s and m.
     """
@@ -36,6 +38,7 @@ class Drawn:
     solution: Solution
     q_nb: np.ndarray
     bias: np.ndarray
+    accel_bias: np.ndarray
     velocity: np.ndarray
     position: np.ndarray
 
@@ -97,6 +100,8 @@ def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
     bias = sensors.bias * random.standard_normal(3) + sensors.bias_walk * np.sqrt(dt) * np.cumsum(
         random.standard_normal((n, 3)), axis=0
     )
+    accel_bias = sensors.accel_bias * random.standard_normal(3)
+    force += accel_bias
     spread = sensors.angle_random_walk**2 + sensors.rate_error**2 * np.sum(
         rate**2, axis=1, keepdims=True
     )
@@ -112,7 +117,8 @@ def drawn(motion, sensors, seconds, seed, *, turning=0.3, rate_hz=50, rests=()):
     integrated = turned(q_first, gyro, dt)
     solution = solution_of(dt, integrated, gyro, force)
     at = np.arange(n + 1) // per
-    return Drawn(solution, q, np.concatenate([bias[:1], bias]), velocity[at], position[at])
+    bias = np.concatenate([bias[:1], bias])
+    return Drawn(solution, q, bias, accel_bias, velocity[at], position[at])
 
 
 def turned(q_first, rate, dt):

@@ -6,7 +6,7 @@ a bias of the gyros would do to the attitude meanwhile, are all that the filter 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,8 @@ DV, DP = map(np.int64, (2, 5))
 GYRO, ACCEL, GYRO_VARIANCE, ACCEL_VARIANCE, COUNT = 20, 23, 26, 29, 32
 OWN_RATE, SWAY_RATE, SWAY_FORCE, RATE_DOUBT = 33, 34, 35, 36
 TURNED: Any = np.int64(37)
-WIDTH = 40
+TURN_DOUBT, FORCE_DOUBT = 40, 41
+WIDTH = 42
 # What an epoch is. It does not turn where it is quiet, nor accelerate where it is steady, nor move
 # at rest.
 MOVING, QUIET, STEADY, AT_REST = range(4)
@@ -57,7 +58,8 @@ class Epochs:
         many samples; at rest, the variance of an axis' mean rate by its noise, and those of the
         mean rate and the mean specific force from epoch to epoch; where a rest is to be confirmed,
         how far sway may have left the mean rate from the bias, as a variance; in navigation axes
-        the angle turned (rad), a mean over `WAY_TURNS` epochs.
+        the angle turned (rad), a mean over `WAY_TURNS` epochs; variances of a turn about the
+        vertical that looks like none, and of an acceleration that does.
     omega_in_n : ndarray, shape (3,)
         What the integration took for the rate of NED, rad/s.
     """
@@ -347,6 +349,53 @@ def _accumulate(
             ax, ay, az = force[i, 0], force[i, 1], force[i, 2]
             state[12], state[13], state[14] = _turned(q_nb, i, ax, ay, az)
     return made
+
+
+def merged(epochs: Epochs, length: int, by_kind: bool = False) -> Epochs:
+    """Epochs of several times the length; gaps, and what is left before them, stay shorter.
+
+    Parameters
+    ----------
+    epochs : Epochs
+    length : int
+        How many become one.
+    by_kind : bool, optional
+        Only those that are alike at rest or moving; else a part of a rest is none.
+    """
+    rows, gap = epochs.values, epochs.gap
+    parted = gap | np.concatenate(([False], gap[:-1]))
+    if by_kind:
+        parted |= np.diff(rows[:, REST], prepend=rows[:1, REST]) != 0.0
+    number = np.arange(len(gap))
+    start = np.maximum.accumulate(np.where(parted, number, 0))
+    first = np.flatnonzero((number - start) % length == 0)
+    together = rows[first].copy()
+    for columns in (
+        slice(DURATION, DURATION + 1),
+        slice(DV, DV + 3),
+        slice(JB, SATURATED + 1),
+        slice(TURNED, TURNED + 3),
+    ):
+        together[:, columns] = np.add.reduceat(rows[:, columns], first, axis=0)
+    many = np.diff(first, append=len(rows))
+    group = np.repeat(np.arange(len(first)), many)
+    # position: velocity gained before each epoch goes on through it
+    gained = np.cumsum(rows[:, DV : DV + 3], axis=0) - rows[:, DV : DV + 3]
+    gained -= gained[first][group]
+    way = rows[:, DP : DP + 3] + gained * rows[:, DURATION, None]
+    together[:, DP : DP + 3] = np.add.reduceat(way, first, axis=0)
+    weight = np.maximum(rows[:, COUNT], 1e-9)
+    together[:, COUNT] = np.add.reduceat(rows[:, COUNT], first)
+    for columns in (slice(GYRO, GYRO + 3), slice(ACCEL, ACCEL + 3)):
+        summed = np.add.reduceat(rows[:, columns] * weight[:, None], first, axis=0)
+        together[:, columns] = summed / np.add.reduceat(weight, first)[:, None]
+    together[:, REST] = np.minimum.reduceat(rows[:, REST], first)
+    # variances of means, each of an epoch
+    for column in (OWN_RATE, SWAY_RATE, RATE_DOUBT, TURN_DOUBT, FORCE_DOUBT):
+        together[:, column] /= many
+    return replace(
+        epochs, time_ns=np.append(epochs.time_ns[first], epochs.time_ns[-1]), values=together
+    )
 
 
 def mean_force(epochs: Epochs, seconds: float) -> FloatArray:

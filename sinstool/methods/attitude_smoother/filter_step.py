@@ -12,6 +12,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     DP,
     DURATION,
     DV,
+    FORCE_DOUBT,
     GAP,
     GYRO,
     JB,
@@ -24,11 +25,12 @@ from sinstool.methods.attitude_smoother.epochs import (
     STEADY,
     SWAY_FORCE,
     SWAY_RATE,
+    TURN_DOUBT,
     TURNED,
     W2,
 )
 from sinstool.methods.attitude_smoother.heading_update import measure_heading
-from sinstool.methods.attitude_smoother.model import GRAVITY
+from sinstool.methods.attitude_smoother.model import EPOCH_S, GRAVITY
 from sinstool.methods.attitude_smoother.state import (
     XA,
     XB,
@@ -100,6 +102,12 @@ def _rate_at_rest(row: FloatArray, par: FloatArray, x: FloatArray) -> tuple[floa
 
 
 @part()
+def _along(row: FloatArray, x: FloatArray, i: int, j: int) -> float:
+    """Integral over an epoch of the corrected attitude's matrix, element i, j, s."""
+    return x[3 * i] * row[JB + j] + x[3 * i + 1] * row[JB + 3 + j] + x[3 * i + 2] * row[JB + 6 + j]
+
+
+@part()
 def rest_kind(
     row: FloatArray, par: FloatArray, x: FloatArray, p: FloatArray, dx: FloatArray, since: float
 ) -> int:
@@ -108,7 +116,8 @@ def rest_kind(
     Steady turns and steady travel look like rest. They are recognised by innovations of rate and
     level specific force, and by the velocity, under the filter's predicted bias, tilt and velocity;
     braking, which looks like steady travel, by the specific force at a lower limit.
-    The last rest ended `since` seconds ago, in which the bias may have drifted.
+    The last rest ended `since` seconds ago, in which the bias may have drifted. A bias of the
+    accelerometers is taken to be as uncertain as that of their grade.
     """
     t = row[DURATION]
     level = par[REST_FORCE] ** 2 + row[SWAY_FORCE]
@@ -123,6 +132,8 @@ def rest_kind(
         if i < 2:
             z = force[i] / t
             z += (-GRAVITY if i == 0 else GRAVITY) * dx[1 - i]
+            for j in range(0 if par[C0] > 0.0 else len(p) - XP):
+                z -= _along(row, x, i, j) / t * dx[XP + j]
             tilted = GRAVITY**2 * p[1 - i, 1 - i]
             if z * z > DENIED * (tilted + level):
                 return MOVING
@@ -172,7 +183,9 @@ def measure(
     t = row[DURATION]
     c1 = 0.0 if rest else par[C1]
     c0 = 0.0 if rest else par[C0]
-    travels = n == XP and kind != AT_REST
+    hand = par[C0] > 0.0
+    biased = n > XP and not hand
+    travels = not hand and kind != AT_REST
     # what a level velocity of 1 m/s adds along itself and across it, and how both grow with a turn
     along, across = c1, 0.0
     along_more, across_more = 0.0, 0.0
@@ -181,14 +194,14 @@ def measure(
         across = 2.0 * par[OMEGA + 2]
         if par[FOLLOWS] > 0.0 and not rest:
             turned = _turned(row, x, by_bias)
-            for j in range(n):
-                slope[j] = 0.0
             along_more, across_more = sin(turned) / t, cos(turned) / t
             along += (1.0 - across_more * t) / t
             across += along_more
     r = REST_DENSITY if rest else par[DENSITY]
     missed = GRAVITY * STOP_RATE * row[SATURATED]
     variance = r * r / t + missed * missed
+    if kind == STEADY:
+        variance += row[FORCE_DOUBT]
     likelihood = 0.0
     force = felt(x, row, DV, 0.5)
     for i in range(3):
@@ -199,7 +212,7 @@ def measure(
             own, other, pos = along, side * across, XV + 1 - i
             z += other * x[V + 1 - i]
         z += own * x[V + i]
-        if n > XP:
+        if hand:
             z += c0 * x[P + i]
             pos = XP + i
         first, weight = XA + 1 - i, GRAVITY
@@ -208,13 +221,18 @@ def measure(
         elif i == 2:
             z += GRAVITY + x[G]
             first, weight = XG, 1.0
-        if i < 2 and across_more != 0.0:
-            grows = along_more * x[V + i] + side * across_more * x[V + 1 - i]
-            for j in range(3):
-                slope[XB + j] = grows * by_bias[XB + j]
-            slope[first], slope[XV + i], slope[pos] = weight, own, other
+        follows = i < 2 and across_more != 0.0
+        if follows or biased:
+            for j in range(n):
+                slope[j] = 0.0
+            slope[first], slope[pos], slope[XV + i] = weight, other, own
+            if follows:
+                grows = along_more * x[V + i] + side * across_more * x[V + 1 - i]
+                for j in range(3):
+                    slope[XB + j] = grows * by_bias[XB + j]
+            for j in range(n - XP if biased else 0):
+                slope[XP + j] = -_along(row, x, i, j) / t
             left, s = update_row(p, n, slope, -z, variance, gain, dx)
-            slope[first] = 0.0
         else:
             left, s = update(p, n, first, weight, XV + i, own, pos, other, -z, variance, gain, dx)
         if not (s < 1e8 and abs(left) < 1e4):
@@ -227,14 +245,25 @@ def measure(
             z = -x[V + i]
             update(p, n, XV + i, 1.0, XA, 0.0, XA, 0.0, z, REST_VELOCITY**2, gain, dx)
     if kind != MOVING:
-        steady = par[ZERO_RATE] ** 2 + row[OWN_RATE] + row[RATE_DOUBT]
+        steady = par[ZERO_RATE] ** 2 * EPOCH_S / t + row[OWN_RATE] + row[RATE_DOUBT]
         steady += SWAY_LASTS * max(0.0, row[SWAY_RATE] - row[OWN_RATE])
         if travels:
             # it turns with the vertical, so a level velocity looks like a bias for as long
-            steady += SWAY_LASTS * par[VELOCITY_VARIANCE] / SEMI_MAJOR_AXIS**2
+            steady += SWAY_LASTS * EPOCH_S / t * par[VELOCITY_VARIANCE] / SEMI_MAJOR_AXIS**2
         rates = _rate_at_rest(row, par, x)
         for i in range(3):
-            update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, rates[i], steady, gain, dx)
+            if row[TURN_DOUBT] == 0.0:
+                update(p, n, XB + i, 1.0, XA, 0.0, XA, 0.0, rates[i], steady, gain, dx)
+                continue
+            # in navigation axes, as what it may turn is about the vertical
+            z = 0.0
+            for j in range(n):
+                slope[j] = 0.0
+            for j in range(3):
+                slope[XB + j] = _along(row, x, i, j) / t
+                z += slope[XB + j] * rates[j]
+            doubt = row[TURN_DOUBT] if i == 2 else 0.0
+            update_row(p, n, slope, z, steady + doubt, gain, dx)
     if len(field):
         measure_heading(field[k], n, x, p, gain, dx)
     return likelihood
@@ -242,7 +271,14 @@ def measure(
 
 @part()
 def correct(
-    near: FloatArray, k: int, x: FloatArray, dx: FloatArray, n: int, kind: int, e: FloatArray
+    near: FloatArray,
+    k: int,
+    x: FloatArray,
+    dx: FloatArray,
+    n: int,
+    hand: bool,
+    kind: int,
+    e: FloatArray,
 ) -> None:
     """Add the estimated error to the state, or replace the state by that of an earlier pass.
 
@@ -251,7 +287,7 @@ def correct(
     """
     if len(near) == 0:
         a, b, c = x[V] + dx[XV], x[V + 1] + dx[XV + 1], x[V + 2] + dx[XV + 2]
-        inject(x, dx, n, e)
+        inject(x, dx, n, hand, e)
         if kind == AT_REST:
             x[V], x[V + 1], x[V + 2] = a, b, c
         for m in range(n):
@@ -268,13 +304,14 @@ def predict_error(
     f: FloatArray,
     dx: FloatArray,
     n: int,
+    hand: bool,
     e: FloatArray,
     out: FloatArray,
 ) -> None:
     """Predict `dx`, relative to the states of an earlier pass; `x` is the predicted state."""
     if len(near) == 0:
         return
-    less(x, near[k + 1], n, out, e)
+    less(x, near[k + 1], n, hand, out, e)
     for i in range(n):
         for m in range(n):
             out[i] += f[i, m] * dx[m]
@@ -302,6 +339,7 @@ def predict_state(
         f[i, i] = 1.0
     t = row[DURATION]
     gap = row[GAP] > 0.0
+    hand = par[C0] > 0.0
     if gap:
         turned = sqrt(GAP_RATE**2 + rate * rate) * t
         for i in range(3):
@@ -309,7 +347,7 @@ def predict_state(
             f[XV + i, XV + i] = 0.0
             q[XV + i, XV + i] = par[VELOCITY_VARIANCE]
             x[V + i] = 0.0
-            if n > XP:
+            if hand:
                 f[XP + i, XP + i] = 0.0
                 q[XP + i, XP + i] = par[POSITION_VARIANCE]
                 x[P + i] = 0.0
@@ -317,14 +355,12 @@ def predict_state(
         # M = -C Jb, what a bias does to the attitude; then C' = C exp(-Jb b) = exp(M b) C
         for i in range(3):
             for j in range(3):
-                f[i, XB + j] = -(
-                    x[3 * i] * row[JB + j]
-                    + x[3 * i + 1] * row[JB + 3 + j]
-                    + x[3 * i + 2] * row[JB + 6 + j]
-                )
+                f[i, XB + j] = -_along(row, x, i, j)
+                if n > XP and not hand:
+                    f[XV + i, XP + j] = f[i, XB + j]
         weight = GRAVITY + x[G]
         half = 0.5 * t * t
-        if n > XP:
+        if hand:
             gained = felt(x, row, DP, 1.0 / 3.0)
             for i in range(3):
                 x[P + i] += t * x[V + i] + gained[i]
@@ -350,7 +386,7 @@ def predict_state(
                 e,
             )
             turn(x, e)
-        if n == XP:
+        if not hand:
             # a velocity that is known shows how the vertical turns, and the Coriolis acceleration
             north, east = x[V], x[V + 1]
             coriolis, curved = 2.0 * par[OMEGA + 2] * t, t / SEMI_MAJOR_AXIS
@@ -371,7 +407,7 @@ def predict_state(
         _spread(x[V], x[V + 1], x[V + 2], spread, q, XV)
         for i in range(3):
             q[XV + i, XV + i] += par[VELOCITY_WALK] ** 2 * t
-        if n > XP:
+        if hand:
             f[XP, 1] = -GRAVITY * half
             f[XP + 1, 0] = GRAVITY * half
             f[XP + 2, XG] = half

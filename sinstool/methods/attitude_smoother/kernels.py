@@ -8,6 +8,7 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import kernel
 from sinstool.methods.attitude_smoother.epochs import AT_REST, DURATION, MOVING, REST
 from sinstool.methods.attitude_smoother.filter_step import (
+    C0,
     DIVERGED,
     DRIFTED_S,
     JUDGED_AGAIN,
@@ -109,9 +110,9 @@ def forward(
         Log likelihood of the specific force in the moving epochs; `DIVERGED` where the filter
         diverged.
     """
-    stored = len(matrices) > 0
+    stored, hand = len(matrices) > 0, par[C0] > 0.0
     if len(near) and begin == 0:
-        less(x, near[0], n, dx, e)
+        less(x, near[0], n, hand, dx, e)
         copy(near[0], x)
     total, since = 0.0, 0.0
     for k in range(begin, end):
@@ -130,13 +131,13 @@ def forward(
             total = DIVERGED
             if not stored:
                 break
-        correct(near, k, x, dx, n, kind, e)
+        correct(near, k, x, dx, n, hand, kind, e)
         if stored:
             copy(x, vectors[k - begin, X_PLUS])
             copy(dx, vectors[k - begin, DX_PLUS])
             copy_square(p, matrices[k - begin, P_PLUS])
         predict_state(epochs[k], rate_at_gap(epochs, k), par, n, x, f, q, e)
-        predict_error(near, k, x, f, dx, n, e, ahead)
+        predict_error(near, k, x, f, dx, n, hand, e, ahead)
         predict_covariance(p, n, f, q, half)
         if stored:
             copy(x, vectors[k - begin, X_MINUS])
@@ -144,7 +145,7 @@ def forward(
             copy_square(p, matrices[k - begin, P_MINUS])
             copy_square(f, matrices[k - begin, TRANSITION])
     copy(x, last_x)
-    inject(last_x, dx, n, e)
+    inject(last_x, dx, n, hand, e)
     keep(p, last_p)
     return total
 
@@ -154,6 +155,7 @@ def backward(
     begin: int,
     end: int,
     n: int,
+    hand: bool,
     vectors: FloatArray,
     matrices: FloatArray,
     end_x: FloatArray,
@@ -194,7 +196,7 @@ def backward(
             for j in range(n):
                 difference[j] = end_dx[j] - vectors[k, DX_MINUS, j]
         else:
-            less(end_x, vectors[k, X_MINUS], n, difference, e)
+            less(end_x, vectors[k, X_MINUS], n, hand, difference, e)
         p_plus, p_minus = matrices[k, P_PLUS], matrices[k, P_MINUS]
         smoother_gain(matrices[k, TRANSITION], p_plus, p_minus, right, low, scale)
         for j in range(n):
@@ -203,7 +205,7 @@ def backward(
                 s += right[m, j] * difference[m]
             end_dx[j] = vectors[k, DX_PLUS, j] + s
         copy(vectors[k, X_PLUS], end_x)
-        inject(end_x, end_dx, n, e)
+        inject(end_x, end_dx, n, hand, e)
         smoother_covariance(p_plus, p_minus, end_p, right, half, low, end_p)
         copy(end_x, smoothed[begin + k])
         keep(end_p, covariance[begin + k])

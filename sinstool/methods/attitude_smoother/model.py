@@ -36,6 +36,9 @@ class MotionModel:
         Of the white part, m/s^2/sqrt(Hz).
     follows : bool
         The level velocity turns with the body about the vertical.
+    finds_bias : bool
+        The biases of the accelerometers are states: they turn with the vehicle, a tilt does not. A
+        hand's turn with its centripetal accelerations too, which look like them.
     """
 
     name: MotionName
@@ -43,11 +46,12 @@ class MotionModel:
     c0: float
     density: float
     follows: bool = False
+    finds_bias: bool = False
 
     @property
     def states(self) -> int:
         """How many states the filter has."""
-        return 13 if self.c0 else 10
+        return 13 if self.c0 or self.finds_bias else 10
 
     @property
     def velocity_variance(self) -> float:
@@ -106,7 +110,8 @@ class SensorModel:
     velocity_walk : float
         Accelerometer errors as noise of the velocity, m/s/sqrt(s).
     accel_bias : float
-        m/s^2. A level bias looks like a tilt, so it is added to the covariance of tilt.
+        m/s^2. A level bias looks like a tilt: of a vehicle it is a state, otherwise it is added to
+        the covariance of tilt.
     gravity, gravity_walk : float
         Vertical excess of the specific force at the start, m/s^2, and its walk, m/s^2/sqrt(s).
     """

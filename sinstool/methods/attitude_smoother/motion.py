@@ -8,20 +8,7 @@ from math import exp, log, sqrt
 import numpy as np
 
 from sinstool.core.threads import executor
-from sinstool.methods.attitude_smoother.epochs import (
-    ACCEL,
-    COUNT,
-    DP,
-    DURATION,
-    DV,
-    GYRO,
-    JB,
-    REST,
-    SATURATED,
-    TURNED,
-    W2,
-    Epochs,
-)
+from sinstool.methods.attitude_smoother.epochs import Epochs, merged
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.model import (
     EPOCH_S,
@@ -150,7 +137,7 @@ class _Search:
     """Most likely density of each model and length of epochs, computed once."""
 
     def __init__(self, parts: list[Epochs], sensors: SensorModel) -> None:
-        self._parts = {length: [_merged(part, length) for part in parts] for length in LONGER}
+        self._parts = {length: [merged(part, length) for part in parts] for length in LONGER}
         self._sensors = sensors
         self._cache: dict[tuple[MotionModel, int], tuple[float, float]] = {}
 
@@ -210,37 +197,3 @@ def _most_likely(
             step *= 0.5
             directions = [-1.0, 1.0]
     return exp(at), best
-
-
-def _merged(epochs: Epochs, length: int) -> Epochs:
-    """Epochs of several times the length; gaps, and what is left before them, stay shorter."""
-    gap = epochs.gap
-    piece = np.cumsum(gap | np.concatenate(([False], gap[:-1])))
-    number = np.arange(len(gap))
-    start = np.maximum.accumulate(np.where(np.diff(piece, prepend=-1) != 0, number, 0))
-    first = np.flatnonzero((number - start) % length == 0)
-    rows = epochs.values
-    merged = rows[first].copy()
-    for columns in (
-        slice(DURATION, DURATION + 1),
-        slice(DV, DV + 3),
-        slice(JB, SATURATED + 1),
-        slice(TURNED, TURNED + 3),
-    ):
-        merged[:, columns] = np.add.reduceat(rows[:, columns], first, axis=0)
-    merged[:, W2] = np.add.reduceat(rows[:, W2], first)
-    group = np.repeat(np.arange(len(first)), np.diff(first, append=len(rows)))
-    # position: velocity gained before each epoch goes on through it
-    gained = np.cumsum(rows[:, DV : DV + 3], axis=0) - rows[:, DV : DV + 3]
-    gained -= gained[first][group]
-    way = rows[:, DP : DP + 3] + gained * rows[:, DURATION, None]
-    merged[:, DP : DP + 3] = np.add.reduceat(way, first, axis=0)
-    weight = np.maximum(rows[:, COUNT], 1e-9)
-    merged[:, COUNT] = np.add.reduceat(rows[:, COUNT], first)
-    for columns in (slice(GYRO, GYRO + 3), slice(ACCEL, ACCEL + 3)):
-        summed = np.add.reduceat(rows[:, columns] * weight[:, None], first, axis=0)
-        merged[:, columns] = summed / np.add.reduceat(weight, first)[:, None]
-    merged[:, REST] = np.minimum.reduceat(rows[:, REST], first)
-    return replace(
-        epochs, time_ns=np.append(epochs.time_ns[first], epochs.time_ns[-1]), values=merged
-    )

@@ -32,10 +32,16 @@ from sinstool.methods.attitude_smoother.epochs import (
     STEADY,
     SWAY_FORCE,
     SWAY_RATE,
+    TURN_DOUBT,
     Epochs,
 )
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED, SWAY_LASTS
-from sinstool.methods.attitude_smoother.model import FIRST_VELOCITY, VEHICLE, SensorModel
+from sinstool.methods.attitude_smoother.model import (
+    FIRST_VELOCITY,
+    LARGE_BIAS,
+    VEHICLE,
+    SensorModel,
+)
 from sinstool.methods.attitude_smoother.start import filtered
 from sinstool.methods.sensor_errors import LIKELY
 
@@ -56,6 +62,8 @@ SWAYS_SLIGHTLY, QUIET_RATE = 1.2, 2e-4
 LONG_WINDOW = 100  # epochs
 # What travels turns with the vertical, rad/s.
 TRANSPORT_RATE = FIRST_VELOCITY / SEMI_MAJOR_AXIS
+# One sigma of a bend that is taken for straight travel where no bias is known, rad/s.
+SLOW_TURN = 3e-3
 # Shorter steady times are a lull of the motion, in which a slow acceleration may go on.
 LULL = 25  # epochs
 # A rest shorter than this share of the longest must have the same rate.
@@ -150,7 +158,7 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     rows[:, REST] = np.where(near, MOVING, kinds)
     drop_lulls(rows)
     _drop_pieces(rows, epochs.rest)
-    note_doubt(rows)
+    note_doubt(rows, sensors)
     return replace(epochs, values=rows)
 
 
@@ -161,13 +169,17 @@ def drop_lulls(rows: np.ndarray) -> None:
             rows[begin:end, REST] = QUIET
 
 
-def note_doubt(rows: np.ndarray) -> None:
+def note_doubt(rows: np.ndarray, sensors: SensorModel) -> None:
     """Set the doubt of the rate where it is quiet but no rest: how much such times differ.
 
-    Slow sway and slow turns last as long as these, so that each shows the bias but once.
+    Slow sway and slow turns last as long as these, so that each shows the bias but once. One alone
+    may be a long bend, where nothing else is known of the bias.
     """
-    rows[:, RATE_DOUBT] = 0.0
+    rows[:, RATE_DOUBT] = rows[:, TURN_DOUBT] = 0.0
     found = runs((rows[:, REST] > MOVING) & (rows[:, REST] < AT_REST))
+    if len(found) == 1 and sensors.bias > LARGE_BIAS:
+        begin, end = found[0]
+        rows[begin:end, TURN_DOUBT] = SLOW_TURN**2 * (end - begin)
     if len(found) < 2:
         return
     rates = np.array([rows[begin:end, GYRO : GYRO + 3].mean(axis=0) for begin, end in found])

@@ -13,7 +13,7 @@ from sinstool.core.quaternion_kernels import increment_quaternion, product, to_u
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_dcm
 from sinstool.core.streams import Solution
 from sinstool.methods.attitude_smoother import kernels, state
-from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs
+from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs, merged
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
@@ -47,9 +47,14 @@ WIDER = (4.0, 3.0, 2.0, 1.5)
 # Beyond so many times the variance of velocity that the model of a vehicle allows, the model is
 # fitted to what a pass found, at most so many times.
 MORE, ROUNDS = 1.2, 4
+# A vehicle's accelerations last long enough that epochs of a second do; so many of the others.
+COARSE = 5
 # A vehicle goes where it points if that is so many times as likely, nat.
 FOLLOWS_MARGIN = 3.0
 NO_STATES = np.empty((0, state.STATE))
+NOTHING_FOUND = np.empty(0)
+# Of what is kept of a covariance: the variances of the accelerometers' biases.
+BIASES = slice(14, 17)
 
 
 @dataclass(frozen=True)
@@ -70,9 +75,11 @@ class Correction:
         heading since the start.
     gyro_bias_sigma : ndarray, shape (n + 1, 3)
         rad/s.
-    accel_bias : float
+    accel_bias_sigma : float
         Standard deviation of the accelerometer biases, by axis, that the covariance of tilt
         includes, m/s^2.
+    accel_bias : ndarray, shape (3,), or None
+        Of a vehicle's, m/s^2; that of a hand's is not estimated.
     """
 
     time_ns: np.ndarray
@@ -81,7 +88,8 @@ class Correction:
     gyro_bias: FloatArray
     covariance_n: FloatArray
     gyro_bias_sigma: FloatArray
-    accel_bias: float
+    accel_bias_sigma: float
+    accel_bias: FloatArray | None
 
     def apply(self, solution: Solution) -> Solution:
         """A solution with its attitude and its rates corrected, and with a covariance."""
@@ -103,6 +111,29 @@ class Correction:
             covariance,
         )
         return replace(solution, q_nb=q, omega_ib_b=rate, covariance_attitude_n=covariance)
+
+    def at(self, time_ns: np.ndarray) -> Correction:
+        """The same at other limits of epochs.
+
+        Parameters
+        ----------
+        time_ns : ndarray of int64, shape (n + 1,)
+            Within the same time.
+        """
+        limits = self.time_ns
+        k = np.clip(np.searchsorted(limits, time_ns, "left") - 1, 0, len(self.turn) - 1)
+        s = ((time_ns - limits[k]) / np.maximum(limits[k + 1] - limits[k], 1))[:, None]
+        q = multiply(exp(s * self.turn[k]), self.q[k])
+        end = k + (s[:, 0] > 0.0)
+        return replace(
+            self,
+            time_ns=time_ns,
+            q=q,
+            turn=log(multiply(q[1:], conjugate(q[:-1]))),
+            gyro_bias=(1.0 - s) * self.gyro_bias[k] + s * self.gyro_bias[k + 1],
+            covariance_n=self.covariance_n[end],
+            gyro_bias_sigma=self.gyro_bias_sigma[end],
+        )
 
 
 def smooth(
@@ -129,6 +160,10 @@ def smooth(
     -------
     Correction
     """
+    if not motion.c0:
+        motion = replace(motion, finds_bias=sensors.accel_bias > 0.0)
+        if north is None:
+            epochs = merged(epochs, COARSE, by_kind=True)
     run = _Run(epochs, sensors, prior, north)
     result = run.converged(motion)
     if motion.follows and (sensors.bias > LARGE_BIAS or result.likelihood <= DIVERGED):
@@ -141,9 +176,15 @@ def smooth(
     smoothed, covariance = result.states, result.covariance
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
-    # The bias of a level accelerometer looks like a tilt.
-    accel_bias = _accel_bias(sensors.accel_bias, _gravity_shown(epochs, smoothed), prior.gravity)
-    attitude[:, [0, 1], [0, 1]] += (accel_bias / GRAVITY) ** 2
+    if motion.finds_bias:
+        sigma = sqrt(np.mean(covariance[-1, BIASES]))
+        # What the gyros' axes are off those of the accelerometers: the tilt of a vehicle that turns
+        # about is one about the gyros' vertical.
+        attitude[:, [0, 1], [0, 1]] += sensors.rate_error**2
+    else:
+        # The bias of a level accelerometer looks like a tilt.
+        sigma = _accel_bias(sensors.accel_bias, _gravity_shown(epochs, smoothed), prior.gravity)
+        attitude[:, [0, 1], [0, 1]] += (sigma / GRAVITY) ** 2
     attitude[:, 2, 2] += prior.heading**2 if north is None else north.variance
     # No heading is less certain than one that is uniform over a whole turn.
     share = np.minimum(1.0, UNKNOWN_HEADING / np.sqrt(attitude[:, 2, 2]))[:, None]
@@ -156,7 +197,8 @@ def smooth(
         smoothed[:, state.B : state.B + 3].copy(),
         attitude,
         np.sqrt(covariance[:, 9:12]),
-        accel_bias,
+        sigma,
+        smoothed[-1, state.A : state.A + 3].copy() if motion.finds_bias else None,
     )
 
 
@@ -190,24 +232,37 @@ class _Run:
 
     def converged(self, motion: MotionModel, near: FloatArray = NO_STATES) -> _Result:
         """Passes until none changes the tilt, the first about `near`; without, about its own."""
-        epochs = self.epochs
+        epochs, sensors = self.epochs, self.sensors
         field = NO_FIELD if self.north is None else self.north.rows
         covariance = np.empty((len(epochs) + 1, state.KEPT))
         wider = WIDER if self.sensors.bias > LARGE_BIAS and not len(near) else ()
         rounds = 0
         for k in range(PASSES):
             model = motion.with_density(motion.density * wider[k]) if k < len(wider) else motion
-            first = _first(epochs, model, self.sensors, self.prior, self.north)
+            first = _first(epochs, model, sensors, self.prior, self.north)
             before = near
-            near, likelihood = _pass(epochs, model, self.sensors, first, field, before, covariance)
+            near, likelihood = _pass(epochs, model, sensors, first, field, before, covariance)
             begun = before if len(before) else first[0][None]
             close = CLOSE if len(before) else FAR
             if k >= len(wider) and _moved(begun, near[: len(begun)]) < close:
                 fitted = _as_fast(motion, epochs, near, covariance)
-                if fitted is motion or rounds == ROUNDS:
+                bias = self._bias_shown(motion, near, covariance)
+                more = bias**2 > MORE * sensors.accel_bias**2
+                if (fitted is motion and not more) or rounds == ROUNDS:
                     break
                 motion, rounds = fitted, rounds + 1
+                sensors = replace(sensors, accel_bias=bias) if more else sensors
         return _Result(near, covariance, likelihood)
+
+    def _bias_shown(
+        self, motion: MotionModel, smoothed: FloatArray, covariance: FloatArray
+    ) -> float:
+        """Standard deviation of the accelerometers' biases, by their grade and by a pass, m/s^2."""
+        if not motion.finds_bias:
+            return 0.0
+        shown = _gravity_shown(self.epochs, smoothed)
+        found = smoothed[-1, state.A : state.A + 3] ** 2 + covariance[-1, BIASES]
+        return _accel_bias(self.sensors.accel_bias, shown, self.prior.gravity, found)
 
 
 def _as_fast(
@@ -230,7 +285,7 @@ def _as_fast(
 
 def _freed(motion: MotionModel) -> MotionModel:
     """The model without what a wrong bias would spoil: that a vehicle goes where it points."""
-    return VEHICLE.with_density(motion.density)
+    return replace(VEHICLE, density=motion.density, finds_bias=motion.finds_bias)
 
 
 def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
@@ -242,18 +297,22 @@ def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
     return GRAVITY + min(max(excess, -LIKELY_EXCESS), LIKELY_EXCESS)
 
 
-def _accel_bias(grade: float, shown: float, gravity: float | None) -> float:
+def _accel_bias(
+    grade: float, shown: float, gravity: float | None, found: FloatArray = NOTHING_FOUND
+) -> float:
     """Standard deviation of the accelerometers' biases, m/s^2, of an axis.
 
     Parameters
     ----------
     grade : float
-        That of their grade; it counts for three axes beside the one that the log shows. 0: they
+        That of their grade; it counts for three axes beside those that the log shows. 0: they
         have none.
     shown : float
         Size of gravity in the log, m/s^2.
     gravity : float or None
         Local, m/s^2.
+    found : ndarray, shape (m,), optional
+        Mean squares of biases that a filter has found, m^2/s^4.
     """
     if not grade:
         return 0.0
@@ -261,7 +320,7 @@ def _accel_bias(grade: float, shown: float, gravity: float | None) -> float:
         off = max(0.0, abs(shown - MEAN_GRAVITY) - GRAVITY_RANGE)
     else:
         off = shown - gravity
-    return sqrt((3.0 * grade**2 + off**2) / 4.0)
+    return sqrt((3.0 * grade**2 + off**2 + found.sum()) / (4.0 + len(found)))
 
 
 def _first(
@@ -330,7 +389,17 @@ def _pass(
         if segment is not segments[-1]:  # whose steps are still stored
             forward(*segment, *start)
         kernels.backward(
-            *segment, n, *stored, x, p, dx, smoothed, covariance, len(near) > 0, *scratch
+            *segment,
+            n,
+            motion.c0 > 0.0,
+            *stored,
+            x,
+            p,
+            dx,
+            smoothed,
+            covariance,
+            len(near) > 0,
+            *scratch,
         )
     return smoothed, likelihood
 

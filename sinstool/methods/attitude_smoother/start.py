@@ -9,9 +9,9 @@ import numpy as np
 from sinstool.core.arrays import FloatArray
 from sinstool.core.rotation import exp, to_dcm
 from sinstool.methods.attitude_smoother import kernels, state
-from sinstool.methods.attitude_smoother.epochs import Epochs, mean_force
+from sinstool.methods.attitude_smoother.epochs import DURATION, JB, Epochs, mean_force
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
-from sinstool.methods.attitude_smoother.model import LARGE_BIAS, MotionModel, SensorModel
+from sinstool.methods.attitude_smoother.model import GRAVITY, LARGE_BIAS, MotionModel, SensorModel
 
 FIRST_S = 3.0
 # Standard deviations of tilt and heading at the start, rad: with a heading so certain its variance
@@ -31,7 +31,7 @@ class Prior:
         Standard deviation of the first heading, rad; with 0 the covariance of heading is that of
         its change since the start.
     tilt : float or None
-        Standard deviation of the tilt at which the integration started, rad; None: unknown.
+        See :func:`first_state`; None: unknown.
     gravity : float or None
         Local gravity, m/s^2; None: unknown.
     """
@@ -49,8 +49,9 @@ def first_state(
     Parameters
     ----------
     tilt : float, optional
-        Standard deviation of the tilt at which the integration started, rad. Without it the first
-        tilt is the one that levels the mean specific force of the first seconds.
+        Standard deviation of the tilt at which the integration started, rad, but for what the bias
+        of the accelerometers does to it. Without it the first tilt is the one that levels the mean
+        specific force of the first seconds.
 
     Returns
     -------
@@ -59,16 +60,25 @@ def first_state(
     """
     n = motion.states
     x = np.zeros(state.STATE)
-    sure = tilt is not None and tilt < TILT
-    x[:9] = (np.eye(3) if sure else upright(mean_force(epochs, FIRST_S))).ravel()
+    levelled = tilt is not None and tilt < TILT
+    x[:9] = (np.eye(3) if levelled else upright(mean_force(epochs, FIRST_S))).ravel()
     variance = np.empty(n)
-    variance[:2] = (tilt if tilt is not None and sure else TILT) ** 2
+    variance[:2] = TILT**2
+    if tilt is not None and levelled:
+        variance[:2] = tilt**2 + (sensors.accel_bias / GRAVITY) ** 2
     variance[2] = HEADING**2
     variance[3:6] = motion.first_velocity_variance
     variance[6:9] = sensors.bias**2
     variance[9] = sensors.gravity**2
-    variance[10:] = motion.position_variance
-    return x, np.diag(variance)
+    variance[10:] = sensors.accel_bias**2 if motion.finds_bias else motion.position_variance
+    p = np.diag(variance)
+    if levelled and motion.finds_bias:
+        # the accelerometers that it was levelled by have the bias that is to be found
+        row = epochs.values[0]
+        north, east = row[JB : JB + 6].reshape(2, 3) / max(row[DURATION], 1e-9) / GRAVITY
+        p[:2, 10:] = sensors.accel_bias**2 * np.stack([east, -north])
+        p[10:, :2] = p[:2, 10:].T
+    return x, p
 
 
 def upright(force: FloatArray) -> FloatArray:

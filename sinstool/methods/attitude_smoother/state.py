@@ -1,9 +1,10 @@
 """The state of the filter over epochs: how it is numbered, corrected and compared.
 
-It has 19 numbers: the correction C row by row (9), velocity (3), gyro bias (3), vertical
-excess of the specific force (1), position (3). Errors come in the order attitude, velocity, bias,
-excess, position, so that without the position the first ten are left: the right-invariant
-``C_true = exp(phi) C``, ``v_true = exp(phi) v + xi_v``, likewise the position.
+It has 22 numbers: the correction C row by row (9), velocity (3), gyro bias (3), vertical
+excess of the specific force (1), position (3), accelerometer bias (3, body axes). Errors come in
+the order attitude, velocity, gyro bias, excess, and then the position of a hand or, where it is
+estimated, the accelerometer bias of a vehicle: the right-invariant ``C_true = exp(phi) C``,
+``v_true = exp(phi) v + xi_v``, likewise the position.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import part
 from sinstool.methods.attitude_smoother.epochs import JB
 
-V, B, G, P = 9, 12, 15, 16  # of the state
+V, B, G, P, A = 9, 12, 15, 16, 19  # of the state
 # Of the errors. A literal is a type of its own to numba, and every function that it is passed to
 # would be compiled for each.
 XA: Any
@@ -26,7 +27,7 @@ XB: Any
 XG: Any
 XP: Any
 XA, XV, XB, XG, XP = map(np.int64, (0, 3, 6, 9, 10))
-STATE, ERRORS, KEPT = 19, 13, 14
+STATE, ERRORS, KEPT = 22, 13, 17
 
 
 @part()
@@ -79,7 +80,9 @@ def felt(x: FloatArray, row: FloatArray, at: int, share: float) -> tuple[float, 
 
     The bias has turned the axes by a share of what it does over all of the epoch, in the mean.
     """
-    a, b, c = row[at], row[at + 1], row[at + 2]
+    a = row[at] - (row[JB] * x[A] + row[JB + 1] * x[A + 1] + row[JB + 2] * x[A + 2])
+    b = row[at + 1] - (row[JB + 3] * x[A] + row[JB + 4] * x[A + 1] + row[JB + 5] * x[A + 2])
+    c = row[at + 2] - (row[JB + 6] * x[A] + row[JB + 7] * x[A + 1] + row[JB + 8] * x[A + 2])
     u = row[JB] * x[B] + row[JB + 1] * x[B + 1] + row[JB + 2] * x[B + 2]
     v = row[JB + 3] * x[B] + row[JB + 4] * x[B + 1] + row[JB + 5] * x[B + 2]
     w = row[JB + 6] * x[B] + row[JB + 7] * x[B + 1] + row[JB + 8] * x[B + 2]
@@ -92,7 +95,7 @@ def felt(x: FloatArray, row: FloatArray, at: int, share: float) -> tuple[float, 
 
 
 @part()
-def inject(x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
+def inject(x: FloatArray, dx: FloatArray, n: int, hand: bool, e: FloatArray) -> None:
     """Add errors to the state."""
     rotation_of(dx[0], dx[1], dx[2], e)
     turn(x, e)
@@ -101,14 +104,17 @@ def inject(x: FloatArray, dx: FloatArray, n: int, e: FloatArray) -> None:
         x[V + i] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * c + dx[XV + i]
         x[B + i] += dx[XB + i]
     x[G] += dx[XG]
-    if n > XP:
+    if hand:
         a, b, c = x[P], x[P + 1], x[P + 2]
         for i in range(3):
             x[P + i] = e[i, 0] * a + e[i, 1] * b + e[i, 2] * c + dx[XP + i]
+    elif n > XP:
+        for i in range(3):
+            x[A + i] += dx[XP + i]
 
 
 @part()
-def less(a: FloatArray, b: FloatArray, n: int, out: FloatArray, e: FloatArray) -> None:
+def less(a: FloatArray, b: FloatArray, n: int, hand: bool, out: FloatArray, e: FloatArray) -> None:
     """Errors that lead from state b to state a."""
     # e = C_a C_b^T, and its rotation vector
     for i in range(3):
@@ -124,19 +130,23 @@ def less(a: FloatArray, b: FloatArray, n: int, out: FloatArray, e: FloatArray) -
     for i in range(3):
         out[XV + i] = a[V + i] - (e[i, 0] * b[V] + e[i, 1] * b[V + 1] + e[i, 2] * b[V + 2])
         out[XB + i] = a[B + i] - b[B + i]
-        if n > XP:
+        if hand:
             out[XP + i] = a[P + i] - (e[i, 0] * b[P] + e[i, 1] * b[P + 1] + e[i, 2] * b[P + 2])
+        elif n > XP:
+            out[XP + i] = a[A + i] - b[A + i]
     out[XG] = a[G] - b[G]
 
 
 @part()
 def keep(p: FloatArray, out: FloatArray) -> None:
-    """Covariance of attitude (9), variances of bias (3) and level velocity (2), of all errors'."""
+    """Covariance of attitude (9); variances of gyro bias (3), level velocity (2), the rest (3)."""
     for i in range(3):
         for j in range(3):
             out[3 * i + j] = p[i, j]
         out[9 + i] = p[XB + i, XB + i]
     out[12], out[13] = p[XV, XV], p[XV + 1, XV + 1]
+    for i in range(3):
+        out[14 + i] = p[XP + i, XP + i] if len(p) > XP else 0.0
 
 
 @part()

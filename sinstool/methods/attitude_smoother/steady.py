@@ -16,8 +16,10 @@ from sinstool.methods.attitude_smoother.epochs import (
     AT_REST,
     DURATION,
     DV,
+    FORCE_DOUBT,
     GYRO,
     JB,
+    MOVING,
     QUIET,
     REST,
     STEADY,
@@ -44,8 +46,9 @@ CALM = 0.25
 # The first smoothed attitude knows nothing of steady travel, the second what agrees with the first.
 # A bias of the accelerometers above this, m/s^2, hides too much for a second.
 GOOD_ACCEL_BIAS = 0.02
-# A tilt less certain than this, as level specific force, leaves room for an acceleration, m/s^2.
-KNOWN_TILT = 0.1
+# A tilt less certain than this, as level specific force in m/s^2, leaves room for an acceleration,
+# beside twice what constant errors of the sensors make it.
+KNOWN_TILT = 0.065
 
 
 def with_steady(
@@ -72,41 +75,52 @@ def with_steady(
     -------
     Epochs
         Steady are those that looked like rest for `LULL` on end, where the smoothed tilt is known
-        and their mean specific force and rate are those of gravity and of the bias. A rest that is
-        shorter, and in which the vehicle shakes as in motion, may be a lull: it only shows the
-        bias.
+        and their mean specific force and rate are those of gravity and of the bias. A rest in which
+        the vehicle shakes as in motion may be a lull, which only shows the bias.
     """
     kinds = epochs.values[:, REST]
     shake = epochs.values[:, ACCEL_VARIANCE : ACCEL_VARIANCE + 3].sum(axis=1)
-    moving = shake[~looks_at_rest & ~epochs.gap]
-    calm = CALM * float(np.median(moving)) if len(moving) else np.inf
-    short = np.zeros(len(kinds), np.bool_)
+    moving = shake[(kinds == MOVING) & ~epochs.gap]
+    calm = CALM * float(np.median(moving)) if len(moving) >= LULL else np.inf
+    lull = np.zeros(len(kinds), np.bool_)
     for begin, end in runs(looks_at_rest):
         rest = begin + np.flatnonzero(kinds[begin:end] == AT_REST)
-        short[rest] = 0 < len(rest) < LULL and float(np.median(shake[rest])) > calm
-    doubted = looks_at_rest & ((kinds < AT_REST) | short)
+        lull[rest] = len(rest) > 0 and float(np.median(shake[rest])) > calm
+    doubted = looks_at_rest & ((kinds < AT_REST) | lull)
     long = any(end - begin >= LULL for begin, end in runs(doubted))
-    if motion.c0 or not (long or short.any()):
+    if motion.c0 or not (long or lull.any()):
         return epochs
     values = epochs.values.copy()
-    values[short | (kinds == STEADY), REST] = QUIET
-    note_doubt(values)
+    values[lull | (kinds == STEADY), REST] = QUIET
+    note_doubt(values, sensors)
     alone = values[:, REST].copy()
     rounds = 2 if sensors.accel_bias < GOOD_ACCEL_BIAS else 1
     for _ in range(rounds if long else 0):
         smoothed = smooth(replace(epochs, values=values), motion, sensors, prior)
-        agrees = _agrees(epochs, looks_at_rest, sensors, smoothed)
+        smoothed = smoothed.at(epochs.time_ns)
+        agrees, tilted = _agrees(epochs, looks_at_rest, sensors, smoothed)
         values = values.copy()
         values[:, REST] = np.where(doubted & agrees, STEADY, alone)
         drop_lulls(values)
-        note_doubt(values)
+        note_doubt(values, sensors)
+        # one acceleration all along, as large as that tilt could hide
+        for begin, end in runs(values[:, REST] == STEADY):
+            hidden = float(np.mean(tilted[begin:end]))
+            values[begin:end, FORCE_DOUBT] = hidden * (end - begin)
     return replace(epochs, values=values)
 
 
 def _agrees(
     epochs: Epochs, still: np.ndarray, sensors: SensorModel, smoothed: Correction
-) -> np.ndarray:
-    """Where force and rate, as means over a window, are those of steady travel, shape (n,)."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where force and rate, as means over a window, are those of steady travel.
+
+    Returns
+    -------
+    agrees : ndarray of bool, shape (n,)
+    hidden : ndarray, shape (n,)
+        Variance of a level acceleration that the tilt leaves room for, m^2/s^4.
+    """
     rows, bias = epochs.values, smoothed.gyro_bias[:-1]
     seconds = rows[:, DURATION, None]
     matrix = to_dcm(smoothed.q[:-1])
@@ -120,11 +134,13 @@ def _agrees(
     rate = rows[:, GYRO : GYRO + 3] - np.einsum("nji,nj->ni", turned, earth) - bias
     variance = np.einsum("nii->ni", smoothed.covariance_n)[:-1]
     tilted = GRAVITY**2 * variance[:, [1, 0]]
+    constant = sensors.accel_bias**2 + (GRAVITY * sensors.rate_error) ** 2
+    known = KNOWN_TILT**2 + 4.0 * constant
     agrees = np.zeros(len(rows), np.bool_)
     for begin, end in runs(still):
         part = slice(begin, end)
         steady = smoothed.gyro_bias_sigma[begin:end] ** 2 + sensors.zero_rate**2 + TRANSPORT_RATE**2
-        agrees[part] = np.all(tilted[part] < KNOWN_TILT**2, axis=1)
+        agrees[part] = np.all(tilted[part] < known, axis=1)
         # short windows show what the mean of a long one hides: a start at the end of a rest
         for wide in (min(LULL, end - begin), min(LONG_WINDOW, end - begin)):
             lasts = min(1.0, SWAY_LASTS / wide)
@@ -134,4 +150,4 @@ def _agrees(
             turns = np.stack([mean_over(axis, wide) for axis in rate[part].T], axis=1)
             agrees[part] &= np.all(pulled**2 < ACCELERATES * level, axis=1)
             agrees[part] &= np.all(turns**2 < DENIED * turning, axis=1)
-    return agrees
+    return agrees, np.maximum(tilted.max(axis=1) - constant, 0.0)

@@ -24,9 +24,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     steady_turning,
 )
 from sinstool.methods.attitude_smoother.model import (
-    GRAVITY,
     LARGE_BIAS,
-    SensorModel,
     sensor_model,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
@@ -156,19 +154,19 @@ class Smoothing:
         chosen = self._config.navigation.motion
         motion_class = None if chosen == "auto" else chosen
         looks_at_rest = epochs.rest
-        epochs = confirmed(epochs, sensors, _first_tilt(alignment, sensors))
+        epochs = confirmed(epochs, sensors, _first_tilt(alignment))
         motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
         prior = Prior(
             heading or 0.0,
-            _first_tilt(alignment, sensors),
+            _first_tilt(alignment),
             None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
         )
         epochs = with_steady(epochs, looks_at_rest, motion.model, sensors, prior)
         correction = smooth(epochs, motion.model, sensors, prior)
         if self._magnetic is not None:
-            north = self._magnetic.north(epochs, correction)
+            north = self._magnetic.north(epochs, correction.at(epochs.time_ns))
             if north is not None:
                 correction = smooth(epochs, motion.model, sensors, prior, north)
             self.north_referenced = self._magnetic.north_referenced
@@ -220,7 +218,10 @@ class Smoothing:
         tilt, heading = _sigmas(correction)
         self._moved = float(seconds[~epochs.gap].sum())
         stopped = epochs.values[:, SATURATED]
-        bias = self._plan.alignment.gyro_bias + correction.gyro_bias
+        bias, accel_bias = (
+            self._plan.alignment.gyro_bias + correction.gyro_bias,
+            correction.accel_bias,
+        )
         self.summary = AttitudeSmoothing(
             motion=motion.model.name,
             motion_margin_nat=motion.margin,
@@ -230,13 +231,14 @@ class Smoothing:
             tilt_sigma_deg=float(np.median(tilt)) / DEGREE,
             tilt_sigma_largest_deg=float(tilt.max()) / DEGREE,
             heading_sigma_end_deg=float(heading[-1]) / DEGREE,
-            accel_bias_sigma_m_s2=correction.accel_bias,
+            accel_bias_m_s2=None if accel_bias is None else tuple(accel_bias.tolist()),
+            accel_bias_sigma_m_s2=correction.accel_bias_sigma,
             gyro_bias_rad_s=tuple(bias[-1].tolist()),
             gyro_bias_sigma_rad_s=tuple(correction.gyro_bias_sigma[-1].tolist()),
             magnetometer=None if self._magnetic is None else self._magnetic.summary(correction),
         )
         worst = int(np.argmax(tilt))
-        self._worst_ns = int(epochs.time_ns[worst])
+        self._worst_ns = int(correction.time_ns[worst])
         self._unsure = not motion.sure
         self._rested = bool(epochs.rest.any())
 
@@ -299,30 +301,30 @@ class Smoothing:
             )
 
     def _diagnostics(self, epochs: Epochs, correction: Correction) -> Diagnostics:
-        tilt, heading = _sigmas(correction)
-        bias = self._plan.alignment.gyro_bias + correction.gyro_bias
+        every = slice(None, None, DIAGNOSED)
+        # contiguous, as all other times that are written: the loop is compiled once
+        time_ns = epochs.time_ns[every].copy()
+        one = correction.at(time_ns)
+        tilt, heading = _sigmas(one)
         values = np.column_stack(
             [
                 tilt / DEGREE,
                 heading / DEGREE,
-                bias,
-                correction.gyro_bias_sigma.max(axis=1),
-                np.append(epochs.at_rest, epochs.at_rest[-1:]),
+                self._plan.alignment.gyro_bias + one.gyro_bias,
+                one.gyro_bias_sigma.max(axis=1),
+                np.append(epochs.at_rest, epochs.at_rest[-1:])[every],
             ]
         )
         level = np.append((epochs.values[:, SATURATED] > 0.0) | epochs.gap, False).astype(int)
-        every = slice(None, None, DIAGNOSED)
-        # contiguous, as all other times that are written: the loop is compiled once
-        time_ns = correction.time_ns[every].copy()
-        return Diagnostics(time_ns, time_ns, level[every], values[every])
+        return Diagnostics(time_ns, time_ns, level[every], values)
 
 
-def _first_tilt(alignment: Alignment, sensors: SensorModel) -> float | None:
-    """Standard deviation of a first tilt, rad; None where it is unknown."""
+def _first_tilt(alignment: Alignment) -> float | None:
+    """Standard deviation of a first tilt, rad, without the accelerometers'; None: unknown."""
     roll, pitch, _ = alignment.sigma_rad
     if roll is None or pitch is None:
         return None
-    return float(np.hypot(CAUTION * max(roll, pitch), sensors.accel_bias / GRAVITY))
+    return CAUTION * float(max(roll, pitch))
 
 
 def _sigmas(correction: Correction) -> tuple[np.ndarray, np.ndarray]:

@@ -227,8 +227,10 @@ class AttitudeSmoothing:
         Of roll and pitch: the median over the log and the largest.
     heading_sigma_end_deg : float
         Of the last heading: since the start, unless heading is referenced to north.
+    accel_bias_m_s2 : tuple of float or None
+        Of the accelerometers, FRD; None where the motion does not show it.
     accel_bias_sigma_m_s2 : float
-        Biases of the accelerometers that the sigmas of tilt allow for.
+        Biases of the accelerometers that the sigmas of tilt allow for: those left of a vehicle's.
     gyro_bias_rad_s, gyro_bias_sigma_rad_s : tuple of float
         At the end, FRD.
     """
@@ -241,6 +243,7 @@ class AttitudeSmoothing:
     tilt_sigma_deg: float
     tilt_sigma_largest_deg: float
     heading_sigma_end_deg: float
+    accel_bias_m_s2: tuple[float, ...] | None
     accel_bias_sigma_m_s2: float
     gyro_bias_rad_s: tuple[float, ...]
     gyro_bias_sigma_rad_s: tuple[float, ...]
