@@ -55,7 +55,7 @@ def test_the_gate_is_no_worse_than_none_where_fixes_are_noisier_than_told(times)
     assert squares["default"] < 1.3 * squares["none"]
     assert squares["default"] < squares["blind"]
     if times >= 3.0:
-        assert squares["default"] < 0.3 * squares["blind"]
+        assert squares["default"] < 0.5 * squares["blind"]
 
 
 @pytest.mark.parametrize("share", [0.02, 0.15])
