@@ -33,7 +33,12 @@ from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.height import Damping, height_warnings
 from sinstool.pipelines.process.ins_gnss import trust
-from sinstool.pipelines.process.ins_gnss.after_gap import (
+from sinstool.pipelines.process.ins_gnss.before_start import (
+    before_start,
+    before_start_text,
+    smoothed_start,
+)
+from sinstool.pipelines.process.ins_gnss.between_gaps import (
     Stretch,
     channel_events_of,
     events_of,
@@ -42,11 +47,6 @@ from sinstool.pipelines.process.ins_gnss.after_gap import (
     start_before_gaps,
     summed,
     vehicle_of,
-)
-from sinstool.pipelines.process.ins_gnss.before_start import (
-    before_start,
-    before_start_text,
-    smoothed_start,
 )
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.start import timed_start

@@ -32,6 +32,7 @@ from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
+from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors
@@ -112,7 +113,7 @@ def first_start(
     withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
     latency, result = _first_latency(source, here, settings, epochs.rows(~withheld))
     start, time_ns, how, notes = result
-    return FilterStart(
+    best = FilterStart(
         replace(settings, gnss_latency=latency),
         start,
         time_ns,
@@ -128,6 +129,7 @@ def first_start(
         (*_too_good(source, config, settings), *remarks),
         notes,
     )
+    return start_in_longest(source, config, best)
 
 
 def _first_latency(
@@ -211,6 +213,7 @@ def _timed(
             how=how,
             attitude_warnings=notes,
         )
+        start = start_in_longest(source, config, start)
         return _with_noise(source, config, algorithm, start)
 
     noisy = _with_noise(source, config, algorithm, first)

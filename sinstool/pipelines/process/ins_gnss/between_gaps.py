@@ -2,7 +2,8 @@
 
 How far a vehicle turned in such a gap is unknown, so the attitude is aligned from the data that
 follow, as at the start of a log. The estimated sensor errors are carried over. What precedes the
-gap before a log's best start is a log of its own in the same way.
+gap before a log's best start is a log of its own in the same way; and latency and noise are found
+where there is most to find them by.
 """
 
 from __future__ import annotations
@@ -36,6 +37,9 @@ LEAST_LOST = 1.0
 JUST_BEFORE_NS = 5 * SECOND
 # After a gap, so much of the log is searched for a start.
 SEARCHED_NS = 600 * SECOND
+# Latency and noise are shown by so much of a log, s; where less follows a start up to a gap, by a
+# stretch that is so many times as long.
+ENOUGH_S, LONGER = 400.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -82,29 +86,64 @@ def start_before_gaps(
         The first that is found; None where there is no such gap, nothing before it shows an
         attitude, or options say where to align.
     """
-    options, gaps = config.in_flight, _gaps(source, planned.settings)
-    if any(x is not None for x in (options.align_start, options.align_end, options.lift_off)):
+    if _told_where(config):
         return None
-    here = to_align_as(config, planned.grade)
-    late = round(planned.settings.gnss_latency * SECOND)
     first_ns = source.survey.first_ns
-    for last_ns, next_ns in gaps:
+    for last_ns, next_ns in _gaps(source, planned.settings):
         if next_ns > planned.time_ns:
             break
-        valid_ns = planned.used.time_ns - late
-        fixes = planned.used.rows((valid_ns >= first_ns) & (valid_ns <= last_ns))
-        try:
-            part = part_of(source, config, first_ns, last_ns + 1)
-            start, time_ns, how, notes = find_start(
-                part, here, planned.settings, StartFixes.of(fixes, planned.settings.gnss)
-            )
-        except (AlignmentError, DataError) as exc:
-            log_choice("start before a gap", f"none found: {exc}")
-        else:
-            log_choice("start before a gap", how)
-            return replace(planned, start=start, time_ns=time_ns, how=how, attitude_warnings=notes)
+        start = _start_within(source, config, planned, first_ns, last_ns)
+        if start is not None:
+            return start
         first_ns = next_ns
     return None
+
+
+def start_in_longest(source: Source, config: ProcessConfig, best: FilterStart) -> FilterStart:
+    """A start where a log shows most of its receiver and its Imu: in the longest stretch of it.
+
+    Parameters
+    ----------
+    best : FilterStart
+        The best start, which stays where what follows it up to a gap is long enough, or no other is
+        found.
+    """
+    gaps = _gaps(source, best.settings)
+    begins = [source.survey.first_ns, *(next_ns for _, next_ns in gaps)]
+    ends = [*(last_ns for last_ns, _ in gaps), source.survey.last_ns]
+    own_s = (next(end for end in ends if end >= best.time_ns) - best.time_ns) / SECOND
+    first_ns, last_ns = max(zip(begins, ends, strict=True), key=lambda span: span[1] - span[0])
+    if own_s > ENOUGH_S or last_ns - first_ns < LONGER * own_s * SECOND or _told_where(config):
+        return best
+    return _start_within(source, config, best, first_ns, last_ns) or best
+
+
+def _told_where(config: ProcessConfig) -> bool:
+    """Whether options say where to align, or need no motion for it."""
+    options, method = config.in_flight, config.align.align
+    times = (options.align_start, options.align_end, options.lift_off)
+    return any(x is not None for x in times) or method not in (*IN_FLIGHT, "auto")
+
+
+def _start_within(
+    source: Source, config: ProcessConfig, like: FilterStart, first_ns: int, last_ns: int
+) -> FilterStart | None:
+    """A start like another in a part of a log; None where that shows no attitude."""
+    valid_ns = like.used.time_ns - round(like.settings.gnss_latency * SECOND)
+    fixes = like.used.rows((valid_ns >= first_ns) & (valid_ns <= last_ns))
+    try:
+        part = part_of(source, config, first_ns, last_ns + 1)
+        start, time_ns, how, notes = find_start(
+            part,
+            to_align_as(config, like.grade),
+            like.settings,
+            StartFixes.of(fixes, like.settings.gnss),
+        )
+    except (AlignmentError, DataError) as exc:
+        log_choice("start between gaps", f"none found: {exc}")
+        return None
+    log_choice("start between gaps", how)
+    return replace(like, start=start, time_ns=time_ns, how=how, attitude_warnings=notes)
 
 
 def _gaps(source: Source, settings: Settings) -> list[tuple[int, int]]:
