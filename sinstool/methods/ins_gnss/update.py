@@ -15,9 +15,9 @@ from sinstool.methods.ins_gnss.layout import Memory
 from sinstool.methods.products import product
 
 # Tilts less certain than the first, rad (3 deg, 1 sigma), turn gravity by so much that what then
-# seems to show heading is the error of the linear model; and so until they are known to the second
-# (0.1 deg), or for so many seconds.
-NOT_LEVEL, LEVEL, LEVELLING = 0.05, 0.00175, 5.0
+# seems to show a heading of which nothing is known, rad, is the error of the linear model; and so
+# until tilts are known to the third (0.1 deg), or for so many seconds.
+NOT_LEVEL, NO_HEADING, LEVEL, LEVELLING = 0.05, 1.5, 0.00175, 5.0
 
 
 @part()
@@ -78,7 +78,7 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
         K = P H^T (I + epsilon (H P H^T)^-1 R) S^-1,
 
     between Kalman's (0) and the one that fits the newest measurement (1). That of heading is 0
-    while tilts are not known, as after a gap: its variance counts, but stays what it is.
+    while neither it nor tilts are known, as after a gap: its variance counts, but stays what it is.
 
     Parameters
     ----------
@@ -149,10 +149,11 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
 
 @part()
 def _levelling(m: Memory) -> bool:
-    """Whether tilts are unknown, or were and are being found."""
+    """Whether tilts and heading are unknown, or were and tilts are being found."""
     first = states.ATTITUDE
     variance = m.p[first, first] + m.p[first + 1, first + 1]
-    if variance > NOT_LEVEL * NOT_LEVEL:
+    heading = m.p[first + 2, first + 2]
+    if variance > NOT_LEVEL * NOT_LEVEL and heading > NO_HEADING * NO_HEADING:
         m.level_until = m.now + LEVELLING
     return m.now < m.level_until and variance > LEVEL * LEVEL
 

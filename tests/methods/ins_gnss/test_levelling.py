@@ -14,7 +14,7 @@ from tests.methods.ins_gnss.flown import for_grade
 
 DEGREE = np.pi / 180.0
 LATITUDE, RATE = 0.85, 100.0
-SIGMA = np.array([15.0, 15.0, 43.0]) * DEGREE
+SIGMA = np.array([15.0, 15.0, 100.0]) * DEGREE
 
 
 def at_rest(seconds, noise, random):
@@ -33,7 +33,7 @@ def at_rest(seconds, noise, random):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_heading_is_not_learnt_from_gravity_that_tilts_turn(seed):
-    """At rest nothing shows it: it was 5 deg sure after a few seconds, and up to 60 deg off."""
+    """At rest nothing shows it: it was sure to 2 to 10 deg after a few seconds."""
     random = np.random.default_rng(seed)
     noise = IMU_GRADES["tactical"]
     control = DivergenceControl(virtual_noise=False, gate_probability=1.0)
@@ -61,4 +61,4 @@ def test_heading_is_not_learnt_from_gravity_that_tilts_turn(seed):
     error = rotation.log(rotation.conjugate(last.q_nb[-1]))
     sigma = np.sqrt(np.diagonal(last.covariance_attitude_n[-1]))
     assert np.all(sigma[:2] < 0.5 * DEGREE) and np.all(np.abs(error[:2]) < 4.0 * sigma[:2])
-    assert sigma[2] > 0.3 * SIGMA[2] and abs(error[2]) < 3.0 * sigma[2]
+    assert sigma[2] > 0.3 * SIGMA[2] and abs(error[2]) < 4.0 * sigma[2]

@@ -7,7 +7,7 @@ from sinstool.core.rotation import from_euler
 from sinstool.methods.height.layout import new_state
 from sinstool.methods.ins_gnss import layout, update
 from sinstool.methods.ins_gnss.states import ATTITUDE
-from sinstool.methods.ins_gnss.update import NOT_LEVEL
+from sinstool.methods.ins_gnss.update import NO_HEADING, NOT_LEVEL
 from sinstool.methods.strapdown.navigation import initial_state
 
 N = 15
@@ -19,6 +19,7 @@ def a_measurement(rows, tilt=1e-3, seed=3):
     nav = initial_state(0.8, 0.1, 300.0, np.zeros(3), from_euler(np.zeros(3)))
     root = random.standard_normal((N, N))
     root[ATTITUDE : ATTITUDE + 2] *= tilt
+    root[ATTITUDE + 2] *= NO_HEADING
     p, x = root @ root.T, random.standard_normal(N)
     m = layout.new_memory(nav, np.zeros(12), p, new_state(), np.zeros(layout.VEHICLE_SIZE))
     h, nu = random.standard_normal((rows, N)), random.standard_normal(rows)

@@ -32,7 +32,7 @@ from sinstool.survey.grade import to_align_as
 from sinstool.survey.source import Source, part_of
 
 # A heading less certain than this after a gap, rad (1 sigma), is found anew.
-LEAST_LOST = 1.0
+LEAST_LOST = 0.5
 # Fixes so long before a gap's end are used for the start after it.
 JUST_BEFORE_NS = 5 * SECOND
 # After a gap, so much of the log is searched for a start.
