@@ -201,7 +201,8 @@ def start_after_gap(
     try:
         part = part_of(source, config, begin_ns, begin_ns + SEARCHED_NS)
         if begin_ns <= planned.time_ns <= end_ns:
-            start, time_ns, how = planned.start, planned.time_ns, planned.how
+            # With its own noise of fixes: what rests add to it is not added twice
+            first, start, time_ns, how = planned, planned.start, planned.time_ns, planned.how
         else:
             # Fixes may return long after the Imu does; those just before show velocities at its end
             after = first.gnss.rows((valid_ns >= begin_ns - JUST_BEFORE_NS) & ~first.withheld)
@@ -214,7 +215,7 @@ def start_after_gap(
         log_choice("start after a gap", f"none found: {exc}")
         return None
     log_choice("start after a gap", how)
-    later = valid_ns >= time_ns
+    later = first.gnss.time_ns - round(first.settings.gnss_latency * SECOND) >= time_ns
     return part, replace(
         first,
         start=start,
