@@ -9,13 +9,16 @@ none of them. The log goes through the whole command. A *miss* is a log whose so
 
 Printed are the worst by error over sigma, at the end and anywhere, and by the root mean squares of
 tilt and heading over theirs, with all that was random about them; --only makes and shows one seed
-again. With --others it hunts among boats, walks and
-multicopters instead, or among the kinds that follow it: motorcycles, trains, tractors, gliders,
-helicopters.
+again. With --others it hunts among boats, walks and multicopters instead, or among the kinds that
+follow it: motorcycles, trains, tractors, gliders, helicopters. With --errors logs also have some of
+those of tests/helpers/unseen_errors.py: axes that are not square, biases that follow specific force
+or temperature, vibration, 16 bits, lost samples, stamps by receipt, clocks that drift, any
+mounting, fixes that wander or say nothing of their noise.
 
 python benchmarks/divergence_hunt.py --logs 500 --jobs 2
 python benchmarks/divergence_hunt.py --only 17
 python benchmarks/divergence_hunt.py --right --logs 100
+python benchmarks/divergence_hunt.py --errors --right --logs 100
 python benchmarks/divergence_hunt.py --others motorcycle train tractor glider helicopter --logs 100
 """
 
@@ -51,6 +54,22 @@ from tests.helpers.unseen_drives import (
     without_fixes,
     without_samples,
     write,
+)
+from tests.helpers.unseen_errors import (
+    any_mount,
+    crossed,
+    drifting_clock,
+    g_sensitive,
+    quantised,
+    received,
+    shaken,
+    slower,
+    streets,
+    turned,
+    unsteady_stamps,
+    wandering,
+    warming,
+    with_lost,
 )
 from tests.helpers.unseen_vehicles import VEHICLES
 
@@ -162,11 +181,67 @@ def faulty(random: np.random.Generator, data: Record) -> tuple[list[str], Record
     return texts, data
 
 
-def settings(random: np.random.Generator) -> list[str]:
+def mounted(random: np.random.Generator, truth: Motion) -> tuple[list[str], Motion, np.ndarray]:
+    """An Imu that is mounted any way, and the antenna's place in its axes."""
+    if random.random() < 0.6:
+        return [], truth, LEVER
+    mount = any_mount(random)
+    angles = mount.as_euler("ZYX", degrees=True)[::-1]
+    text = "mounted " + ",".join(f"{angle:.0f}" for angle in angles)
+    return [text], turned(truth, mount), mount.inv().apply(LEVER)
+
+
+def worse(random: np.random.Generator, data: Record, seed: int) -> tuple[list[str], Motion, Record]:
+    """A record with some of the errors of other instruments, of the size that its grade allows."""
+    texts, errors = [], data.errors
+
+    def drawn(share: float, text: str) -> bool:
+        yes = bool(random.random() < share)
+        texts.extend([text] * yes)
+        return yes
+
+    size = float(10.0 ** random.uniform(-0.5, 0.5))
+    if drawn(0.3, f"axes {1e6 * size * errors.gyro_scale:.0f} ppm across"):
+        data = crossed(data, seed, size * errors.gyro_scale)
+    if drawn(0.25, f"{size * errors.gyro_bias / DEGREE * 3600:.2g} deg/h/g"):
+        data = g_sensitive(data, seed, size * errors.gyro_bias)
+    time = random.uniform(60.0, 600.0)
+    if drawn(0.25, f"warms up, {size:.2g} of bias in {time:.0f} s"):
+        data = warming(data, seed, size * errors.gyro_bias, size * errors.accel_bias, time)
+    if drawn(0.25, f"shakes by {size:.2g} m/s^2"):
+        data = shaken(data, seed, size, 0.02 * size)
+    if random.random() < 0.3:
+        every = int(random.choice([2, 4, 8]))
+        texts.append(f"{200 // every} Hz")
+        data = slower(data, every)
+    if errors.gyro_scale > 5e-4 and drawn(0.4, "16 bits"):
+        data = quantised(data, 1000.0 * DEGREE / 32768, 8.0 * 9.81 / 32768)
+    if drawn(0.15, "0.5 % of samples lost"):
+        data = with_lost(data, seed, 0.005)
+    late = float(10.0 ** random.uniform(-3.5, -2.3))
+    if drawn(0.2, f"stamped by receipt, {1e3 * late:.1f} ms"):
+        data = received(data, seed, late)
+    ratio, lasts = float(10.0 ** random.uniform(-0.5, 0.7)), random.uniform(20.0, 200.0)
+    if drawn(0.3, f"fixes wander {ratio:.2g} of their noise in {lasts:.0f} s"):
+        data = wandering(data, seed, ratio * data.fixes.sigma, lasts)
+    off, honest = float(10.0 ** random.uniform(0.0, 1.5)), bool(random.random() < 0.5)
+    if drawn(0.2, f"between houses {off:.0f} m off{', as said' * honest}"):
+        data = streets(data, seed, off, honest)
+    if drawn(0.15, f"fixes stamped by receipt, {10 * late:.2g} s"):
+        data = unsteady_stamps(data, seed, 10 * late)
+    if drawn(0.15, "fixes without covariance"):
+        data = replace(data, fixes=replace(data.fixes, sigma=0.0))
+    truth, rate = data.truth, 1e-6 * random.choice([-1, 1]) * random.uniform(5.0, 50.0)
+    if drawn(0.15, f"clock fast by {1e6 * rate:.0f} ppm"):
+        truth, data = drifting_clock(data, rate)
+    return texts, truth, data
+
+
+def settings(random: np.random.Generator, lever: np.ndarray = LEVER) -> list[str]:
     """Options, some of them wrong."""
     words: list[str] = []
     if random.random() < 0.3:
-        arm = LEVER + random.standard_normal(3) * random.choice([0.5, 2.0])
+        arm = lever + random.standard_normal(3) * random.choice([0.5, 2.0])
         words += ["--lever-arm", ",".join(f"{x:.2f}" for x in arm)]
     if random.random() < 0.25:
         words += ["--imu-grade", str(random.choice(list(IMU_GRADES)))]
@@ -188,15 +263,24 @@ def harmless(words: list[str]) -> list[str]:
     return [*words[k : k + 2], *smooth]
 
 
-def hunted(seed: int, right: bool = False, others: Sequence[str] = ()) -> Outcome:
+def hunted(
+    seed: int, right: bool = False, others: Sequence[str] = (), errors: bool = False
+) -> Outcome:
     """One log through the command, with random options, or without those that may be wrong."""
     random = np.random.default_rng([seed, 77])
     moving, truth = trajectory(random, others)
     grade = str(random.choice(list(SENSORS)))
     heard, options = receiver(random)
-    texts, data = faulty(random, record(truth, SENSORS[grade], seed, **options))
-    words = settings(random)
+    instrument = np.random.default_rng([seed, 78])
+    at, truth, lever = mounted(instrument, truth) if errors else ([], truth, LEVER)
+    texts, data = faulty(random, record(truth, SENSORS[grade], seed, lever=lever, **options))
+    words = settings(random, lever)
     words = harmless(words) if right else words
+    if errors:
+        more, truth, data = worse(instrument, data, seed)
+        texts = [*texts, *at, *more]
+        known = ["--lever-arm", ",".join(f"{x:.4f}" for x in lever)]
+        words = words if "--lever-arm" in words else [*words, *known]
     what = "; ".join([moving, grade, heard, *texts, " ".join(words)])
     with tempfile.TemporaryDirectory() as folder:
         log = write(Path(folder) / f"{seed}.mcap", data)
@@ -224,12 +308,14 @@ def hunted(seed: int, right: bool = False, others: Sequence[str] = ()) -> Outcom
 def main() -> None:
     options = parser(__doc__, logs=500, first=1, jobs=2)
     options.add_argument("--right", action="store_true", help="no options that are wrong")
+    options.add_argument("--errors", action="store_true", help="of other instruments, too")
     options.add_argument("--only", type=int, help="this seed alone")
     options.add_argument("--others", nargs="*", choices=OTHERS, help="vehicles of other kinds")
     args = options.parse_args()
     others = () if args.others is None else args.others or USUAL_OTHERS
     seeds = range(args.first, args.first + args.logs) if args.only is None else [args.only]
-    outcomes = over_seeds(partial(hunted, right=args.right, others=others), seeds, args.jobs)
+    work = partial(hunted, right=args.right, others=others, errors=args.errors)
+    outcomes = over_seeds(work, seeds, args.jobs)
     status = Counter(outcome.status for outcome in outcomes)
     solved = [outcome for outcome in outcomes if np.isfinite(outcome.end_m)]
     print(

@@ -171,14 +171,16 @@ def process(log: Path, truth: Motion, options: Sequence[str]) -> tuple[Answer | 
 
 
 def columns_of(log: Path, topic: str, paths: dict[str, list[str]], widths: dict[str, int]):
-    """Seconds and columns of a topic, those instants that are scored."""
+    """Seconds and columns of a topic, the first of each tenth of a second."""
+    last = -1
     times = {"sec": ["header.stamp.sec"], "nanosec": ["header.stamp.nanosec"]}
     parts, seconds = [], []
     with open_log(log) as opened:
         channels = opened.channels_of(topic)
         for _, values in read_columns(opened, channels, times | paths, Losses(), widths=widths):
             stamp = values["sec"].astype(np.int64) * 10**9 + values["nanosec"].astype(np.int64) - T0
-            rows = stamp % STEP_NS == 0
+            rows = np.diff(stamp // STEP_NS, prepend=last) > 0
+            last = stamp[-1] // STEP_NS
             seconds.append(stamp[rows] * 1e-9)
             parts.append({name: values[name][rows] for name in paths})
     return np.concatenate(seconds), {k: np.concatenate([p[k] for p in parts]) for k in paths}

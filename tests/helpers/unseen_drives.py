@@ -77,15 +77,24 @@ class Motion:
     accel: np.ndarray
 
     def errors_of(self, seconds, latitude, longitude, height, velocity_n, c_nb):
-        """Truth less a navigation at samples' times, shape (m, 9): m, m/s, and psi in rad."""
-        k = np.searchsorted(self.seconds, seconds - 1e-6)
-        at = self.latitude[k], self.longitude[k], self.height[k]
-        turn = self.c_nb[k] @ np.swapaxes(c_nb, 1, 2)
+        """Truth less a navigation at any times, shape (m, 9): m, m/s, and psi in rad."""
+        k = np.clip(np.searchsorted(self.seconds, seconds - 1e-6), 1, len(self.seconds) - 1)
+        # Between samples the motion is all but straight
+        back = ((self.seconds[k] - seconds) / (self.seconds[k] - self.seconds[k - 1]))[:, None]
+        back[np.abs(back) < 1e-3] = 0.0
+
+        def at(column):
+            rows = column.reshape(len(column), -1)
+            return (rows[k] - back * (rows[k] - rows[k - 1])).reshape(-1, *column.shape[1:])
+
+        step = np.swapaxes(self.c_nb[k], 1, 2) @ self.c_nb[k - 1]
+        turn = Rotation.from_rotvec(back * Rotation.from_matrix(step).as_rotvec()).as_matrix()
+        place = (at(column) for column in (self.latitude, self.longitude, self.height))
         return np.hstack(
             [
-                metres(*at, latitude, longitude, height),
-                self.velocity_n[k] - velocity_n,
-                Rotation.from_matrix(turn).as_rotvec(),
+                metres(*place, latitude, longitude, height),
+                at(self.velocity_n) - velocity_n,
+                Rotation.from_matrix(self.c_nb[k] @ turn @ np.swapaxes(c_nb, 1, 2)).as_rotvec(),
             ]
         )
 
@@ -474,6 +483,7 @@ def fix_messages(fixes, namespace=""):
     """Time, topic, type and payload of all fixes and velocities."""
     types = store().types
     fix, status = types["sensor_msgs/msg/NavSatFix"], types["sensor_msgs/msg/NavSatStatus"]
+    sigma = np.broadcast_to(fixes.sigma, fixes.seconds.shape)
     twist = types["geometry_msgs/msg/TwistStamped"]
     vector = types["geometry_msgs/msg/Vector3"]
     out = []
@@ -485,8 +495,8 @@ def fix_messages(fixes, namespace=""):
             latitude=float(fixes.latitude[k] / DEG),
             longitude=float(fixes.longitude[k] / DEG),
             altitude=float(fixes.height[k]),
-            position_covariance=(fixes.sigma**2 * np.eye(3)).reshape(-1),
-            position_covariance_type=2,
+            position_covariance=(sigma[k] ** 2 * np.eye(3)).reshape(-1),
+            position_covariance_type=2 if sigma[k] else 0,
         )
         name = "sensor_msgs/msg/NavSatFix"
         out.append((stamp, f"{namespace}/fix", name, serialised(message, name, 2)))
