@@ -24,6 +24,7 @@ IMU_INPUT = (
     "input.gyro_unit",
     "input.accel_unit",
     "input.imu_rate",
+    "input.imu_stamps",
     "input.max_gap",
     "input.salvage",
 )
@@ -166,6 +167,13 @@ class InputOptions(Group):
     )
     imu_rate: float | None = option(
         None, "sampling rate in Hz, used in place of the time stamps", "HZ", ge=1e-3, le=1e6
+    )
+    imu_stamps: Literal["auto", "even", "kept"] = option(
+        "auto",
+        "times of the samples: at the stamps (kept), or evenly spaced along them (even), as a"
+        " sensor takes samples that the computer stamps on receipt; auto: even where stamps jitter"
+        " and the rates do not follow them",
+        brief="keep the stamps, or space them evenly",
     )
     max_gap: float | None = option(
         None,

@@ -15,7 +15,6 @@ from typing import Protocol
 import numpy as np
 
 from sinstool.core.errors import DataError
-from sinstool.core.memory import give_back
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import (
     FIRST_HORIZON,
@@ -34,13 +33,12 @@ from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import LARGEST, ImuUnits, Losses, frame_id, read_imu
 from sinstool.io.readers.topics import ImuTopic
 from sinstool.methods.alignment.still import StillSpan, Windows, lead_in, still_spans
+from sinstool.survey.even_stamps import EvenStamps
 from sinstool.survey.orientation import OrientationFault, orientation_fault
 from sinstool.survey.tally import Tally
 from sinstool.survey.unit_evidence import UnitEvidence, unit_evidence
 
 BLOCK_ROWS = 16384
-# An hour at 400 Hz; 96 MB.
-CACHED_SAMPLES = 1_500_000
 BURSTY_SHARE = 0.05
 # Several samples at the largest value are a stop, unless the axis is always about there.
 SATURATION_RUN = 3
@@ -90,6 +88,8 @@ class Survey:
         Median interval.
     interval_range_ns : tuple of int
         Smallest and largest interval.
+    interval_spread_ns : float
+        Half the width of the range in which four fifths of the intervals lie.
     max_gap_ns : int
         Longest interval that is still no gap.
     bursty : bool
@@ -126,6 +126,9 @@ class Survey:
         Of the first message.
     gyro_unit : UnitEvidence
         What the turning of gravity says about the unit of the rates.
+    even : EvenStamps or None
+        Times of samples that a sensor takes evenly, where stamps jitter: all times above but
+        those of windows, spans and orientations are by these.
     """
 
     topic: str
@@ -136,6 +139,7 @@ class Survey:
     time_note: str
     interval_ns: float
     interval_range_ns: tuple[int, int]
+    interval_spread_ns: float
     max_gap_ns: int
     bursty: bool
     gaps: tuple[tuple[int, float], ...]
@@ -160,6 +164,7 @@ class Survey:
     orientation_fault: OrientationFault | None
     frame_id: str
     gyro_unit: UnitEvidence
+    even: EvenStamps | None = None
 
     @property
     def rate_hz(self) -> float:
@@ -183,51 +188,6 @@ class Watcher(Protocol):
 
     def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
         """The same blocks."""
-
-
-class SampleCache:
-    """The samples that the first pass read, for the second: all of them, or none if too many.
-
-    Reading them a second time costs more than all that is computed from them. Memory stays
-    bounded all the same, by `CACHED_SAMPLES` and not by the log.
-
-    Parameters
-    ----------
-    beside : Watcher, optional
-        Looks at the same samples.
-
-    Attributes
-    ----------
-    blocks : list of Imu or None
-        In the order of the file, without orientation; None when there were too many.
-    """
-
-    def __init__(self, beside: Watcher | None = None) -> None:
-        self.blocks: list[Imu] | None = []
-        self._beside = beside
-
-    def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
-        """The same blocks."""
-        self.blocks = []
-        count = 0
-        for block in blocks if self._beside is None else self._beside.watch(blocks):
-            count += len(block)
-            if count > CACHED_SAMPLES and self.blocks is not None:
-                self.blocks = None
-                give_back()
-            if self.blocks is not None:
-                # Columns may be parts of something larger, which must not stay alive with them.
-                columns = (block.time_ns, block.log_time_ns, block.gyro, block.accel)
-                self.blocks.append(Imu(*map(_alone, columns)))
-            yield block
-
-
-def _alone(column: np.ndarray) -> np.ndarray:
-    """The column, copied if it would keep much more than itself alive."""
-    owner = column.base
-    if owner is None or (isinstance(owner, np.ndarray) and owner.nbytes <= 2 * column.nbytes):
-        return column
-    return column.copy()
 
 
 def survey(
@@ -413,6 +373,7 @@ def _conclude(
         time_note=note,
         interval_ns=median,
         interval_range_ns=(tally.shortest if intervals else 0, tally.longest),
+        interval_spread_ns=0.5 * (tally.quantile(0.9) - tally.quantile(0.1)),
         max_gap_ns=int(limit),
         bursty=bursty,
         gaps=tuple(

@@ -193,6 +193,14 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f" {s.interval_range_ns[0] / 1e6:.3g} to {s.interval_range_ns[1] / 1e6:.3g} ms)",
             answer="if the sensor samples evenly, give its rate with --imu-rate",
         )
+    if s.even is not None:
+        yield Finding(
+            "uneven-stamps",
+            f"stamps differ by {s.even.jitter_ns / 1e6:.2g} ms (1 sigma) from even times, as those"
+            " of receipt do: the samples are taken as evenly spaced,"
+            f" {s.even.usual_ns / 1e6:.6g} ms apart",
+            answer="if they were taken at their stamps, use --imu-stamps kept",
+        )
     o = s.order
     if o.backward:
         yield Finding(

@@ -16,20 +16,25 @@ from sinstool.core.errors import DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.memory import give_back
 from sinstool.core.streams import Imu
-from sinstool.core.timeline import SECOND, Order, mean_rates, ordered, reblock
+from sinstool.core.timeline import GAP_INTERVALS, SECOND, mean_rates
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import FIX_TYPE
-from sinstool.io.readers.streams import ImuUnits, Losses, first_fix, read_imu
+from sinstool.io.readers.streams import ImuUnits, first_fix
 from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu, optional_topics
 from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
+from sinstool.survey.even_stamps import EvenStamps, even_stamps
 from sinstool.survey.gnss import LEFT_OUT, read_gnss
-from sinstool.survey.imu import BLOCK_ROWS, SampleCache, Survey, Watcher, survey, within
+from sinstool.survey.imu import BLOCK_ROWS, Survey, Watcher, survey
 from sinstool.survey.magnetometer import magnetic_channels
 from sinstool.survey.oddities import oddities
 from sinstool.survey.rest import moving_at, rest_end, settled
+from sinstool.survey.samples import SampleCache, samples_again
 from sinstool.survey.wheels import WheelSpeeds, read_wheels
+
+# Stamps that vary by more of an interval may be of receipt.
+JITTER = 0.1
 
 
 @dataclass(frozen=True)
@@ -190,13 +195,19 @@ def part_of(source: Source, config: ProcessConfig, start_ns: int, end_ns: int) -
     DataError
         There is no usable sample in it.
     """
-    span = {"start": f"{start_ns} ns", "end": f"{min(end_ns, source.survey.last_ns + 1)} ns"}
-    options = config.input.model_copy(update=span)
+    whole = source.survey
+    even, end_ns = whole.even, min(end_ns, whole.last_ns + 1)
+    span = {"start": f"{start_ns} ns", "end": f"{end_ns} ns"}
+    if even is not None:  # from the first sample of a line on
+        span["start"] = f"{even.line_before(start_ns)} ns"
+    options = config.input.model_copy(update={**span, "imu_stamps": "kept"})
     survey_, samples = survey_samples(source.log, source.imu_topic, options)
     survey_, _, _ = _truly_at_rest(survey_, source.aiding)
     # What a gap is, and how far samples are apart, is known from all of the log
-    whole = source.survey
     survey_ = replace(survey_, interval_ns=whole.interval_ns, max_gap_ns=whole.max_gap_ns)
+    if even is not None:
+        first_ns = even.sample_from(max(start_ns, whole.first_ns))
+        survey_ = replace(survey_, first_ns=first_ns, last_ns=end_ns, even=even)
     return replace(source, survey=survey_, samples=samples)
 
 
@@ -220,20 +231,52 @@ def survey_samples(
     DataError
         There is not one usable sample.
     """
-    samples = SampleCache(read)
-    return (
-        survey(
-            log,
-            topic,
-            imu_units(options),
-            span=time_span(log, options),
-            max_gap_s=options.max_gap,
-            increments=options.sample_kind == "increment",
-            progress=progress,
-            read=samples,
-            judged=judged,
-        ),
-        samples,
+    samples, units = SampleCache(read), imu_units(options)
+    increments = options.sample_kind == "increment"
+    found = survey(
+        log,
+        topic,
+        units,
+        span=time_span(log, options),
+        max_gap_s=options.max_gap,
+        increments=increments,
+        progress=progress,
+        read=samples,
+        judged=judged,
+    )
+    if _jitters(found, options):
+        again = samples_again(log, topic, units, found, samples, found.first_ns)
+        even = even_stamps(again, increments)
+        if even is not None:
+            found = _evened(found, even, options)
+    return found, samples
+
+
+def _jitters(found: Survey, options: InputOptions) -> bool:
+    """Whether stamps jitter by so much that they may be of receipt."""
+    if options.imu_rate is not None or options.imu_stamps == "kept":
+        return False
+    return options.imu_stamps == "even" or found.interval_spread_ns > JITTER * found.interval_ns
+
+
+def _evened(found: Survey, even: EvenStamps, options: InputOptions) -> Survey:
+    """A survey whose times are even ones."""
+    longest = GAP_INTERVALS * even.usual_ns
+    if options.max_gap is not None:
+        longest = options.max_gap * SECOND
+    gaps = tuple(gap for gap in even.gaps if gap[1] * SECOND > longest)
+    return replace(
+        found,
+        first_ns=int(even.time_ns[0]),
+        last_ns=even.last_ns,
+        interval_ns=even.usual_ns,
+        max_gap_ns=int(longest),
+        bursty=False,
+        gaps=gaps,
+        gap_count=len(gaps),
+        gap_total_s=sum(length for _, length in gaps),
+        missed=0,
+        even=even,
     )
 
 
@@ -412,21 +455,17 @@ def imu_blocks(
     Where nobody is going to ask for them again, which ``last`` says, those that were kept are let
     go one by one; whoever asks all the same has the log read anew.
     """
-    survey_ = source.survey
-    if source.samples.blocks is not None:
-        raw = _again(source.samples, source.log.size, progress, last)
-    else:
-        raw = read_imu(
-            source.log,
-            source.imu_topic.channels,
-            source.units,
-            Losses(),
-            path=source.imu_topic.path,
-            log_time=survey_.time_source == "log",
-            progress=progress,
-        )
-    inside = within(raw, max(start_ns, survey_.first_ns), survey_.last_ns)
-    return ordered(reblock(inside, rows), Order(survey_.horizon_ns))
+    return samples_again(
+        source.log,
+        source.imu_topic,
+        source.units,
+        source.survey,
+        source.samples,
+        start_ns,
+        progress=progress,
+        rows=rows,
+        last=last,
+    )
 
 
 def rate_blocks(
@@ -443,17 +482,3 @@ def rate_blocks(
         return blocks
     nominal_ns = nominal_interval(source, config)
     return mean_rates(blocks, nominal_ns, source.survey.max_gap_ns, config.input.imu_rate)
-
-
-def _again(
-    samples: SampleCache, size: int, progress: Callable[[int], None] | None, last: bool
-) -> Iterator[Imu]:
-    """The cached blocks; with ``last`` the cache is emptied."""
-    waiting = list(reversed(samples.blocks or ()))
-    if last:
-        samples.blocks = None
-    count = len(waiting)
-    while waiting:
-        if progress is not None:
-            progress(size * (count - len(waiting)) // count)
-        yield waiting.pop()

@@ -93,11 +93,17 @@ def slower(data: Record, every: int) -> Record:
 
 
 def received(data: Record, seed: int, size: float) -> Record:
-    """Stamps of receipt: late by an exponential time of so many seconds, in order."""
+    """Stamps of receipt: late by an exponential time of so many seconds, in order.
+
+    Its median is taken off, as a constant delay would be the receiver's latency.
+    """
     random = np.random.default_rng([seed, 26])
-    late = data.seconds + random.exponential(size, len(data.seconds))
-    late = np.maximum.accumulate(late) + 1e-6 * np.arange(len(late))
-    return replace(data, seconds=late)
+    late = data.seconds + random.exponential(size, len(data.seconds)) - np.log(2.0) * size
+    late = np.maximum.accumulate(late)
+    # Those that arrive together are a microsecond apart
+    row = np.arange(len(late))
+    first = np.maximum.accumulate(np.where(np.diff(late, prepend=-1.0) > 0.0, row, 0))
+    return replace(data, seconds=late + 1e-6 * (row - first))
 
 
 def drifting_clock(data: Record, rate: float) -> tuple[Motion, Record]:

@@ -18,8 +18,9 @@ from sinstool.io.readers.topics import OWN_PREFIXES, ImuTopic, choose_imu, imu_c
 from sinstool.pipelines.info import result
 from sinstool.pipelines.info.collect import Sampling, Traffic, Values
 from sinstool.pipelines.plan import make_plan
-from sinstool.survey.imu import SampleCache, Survey
+from sinstool.survey.imu import Survey
 from sinstool.survey.oddities import gravity_axis, oddities
+from sinstool.survey.samples import SampleCache
 from sinstool.survey.source import prepare, survey_samples
 
 MAX_SPANS = 20
