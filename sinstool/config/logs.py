@@ -173,7 +173,6 @@ class InputOptions(Group):
         "times of the samples: at the stamps (kept), or evenly spaced along them (even), as a"
         " sensor takes samples that the computer stamps on receipt; auto: even where stamps jitter"
         " and the rates do not follow them",
-        brief="keep the stamps, or space them evenly",
     )
     max_gap: float | None = option(
         None,

@@ -32,10 +32,11 @@ from sinstool.core.timeline import GAP_INTERVALS, SECOND
 
 # A line goes through the stamps of so long, s, and of at least so many samples.
 LINE_S, LEAST_SAMPLES = 2.0, 64
-# Samples before and after a long interval that show whether any are missing; looked at together.
-NEARBY, ROWS = 50, 10_000
-# Durations of lines vary by this much of what independent intervals would make of them, at most.
-STEADY = 0.25
+# Fewer samples than this may all be late by chance; so many long intervals are looked at together.
+LEAST_NEARBY, ROWS = 20, 1000
+# Durations of lines vary by this much of what independent intervals would make of them, at most;
+# an interval counts as no more than so many usual ones.
+STEADY, LONGEST = 0.5, 10.0
 # The regression on stamps is 0 for even samples and 1 where stamps are right; it is believed from
 # this many sigmas on. So many samples show it.
 HALF_WAY, BELIEVED, SHOWN = 0.5, 4.0, 200_000
@@ -163,8 +164,9 @@ def _lines(stamp_ns: IntArray, interval_ns: float) -> EvenStamps:
     """Lines through the stamps, broken where samples are missing."""
     begin_ns = int(stamp_ns[0])
     late = (stamp_ns - begin_ns) - interval_ns * np.arange(len(stamp_ns))
-    breaks = np.concatenate([[0], _missing(stamp_ns, late, interval_ns), [len(stamp_ns)]])
     width = max(LEAST_SAMPLES, round(LINE_S * SECOND / interval_ns))
+    missing = _missing(stamp_ns, late, interval_ns, width // 2)
+    breaks = np.concatenate([[0], missing, [len(stamp_ns)]])
     first, count, time, interval = [], [], [], []
     for begin, end in pairwise(breaks.tolist()):
         edges = np.unique(
@@ -193,30 +195,38 @@ def _lines(stamp_ns: IntArray, interval_ns: float) -> EvenStamps:
     return replace(even, gaps=gaps, jitter_ns=float(off.std()), most_ns=float(np.abs(off).max()))
 
 
-def _missing(stamp_ns: IntArray, late: FloatArray, interval_ns: float) -> IntArray:
+def _missing(stamp_ns: IntArray, late: FloatArray, interval_ns: float, nearby: int) -> IntArray:
     """First samples after gaps: from there on even the promptest are later than any before.
 
-    A stall of the computer makes one long interval, too, but what waited comes at once.
+    A stall of the computer makes one long interval, too, but what waited comes at once. So many
+    samples before and after show it.
     """
     rows = np.flatnonzero(np.diff(stamp_ns) > GAP_INTERVALS * interval_ns) + 1
-    around = sliding_window_view(np.pad(late, NEARBY, constant_values=np.inf), NEARBY)
-    missing = []
+    limit = (GAP_INTERVALS - 1.0) * interval_ns
+    around = sliding_window_view(np.pad(late, nearby, constant_values=np.inf), nearby)
+    doubtful = []
     for some in np.array_split(rows, 1 + len(rows) // ROWS):
-        # The least of the samples before a row, and of those from it on
-        rise = around[some + NEARBY].min(axis=1) - around[some].min(axis=1)
-        missing.append(some[rise > (GAP_INTERVALS - 1.0) * interval_ns])
-    return np.concatenate(missing)
+        rise = around[some + nearby].min(axis=1) - around[some].min(axis=1)
+        doubtful += some[rise > limit].tolist()
+    missing = [0]
+    for row in doubtful:
+        # What lies beyond the gap before says nothing
+        before, after = late[max(missing[-1], row - nearby) : row], late[row : row + nearby]
+        few = min(len(before), len(after)) < LEAST_NEARBY
+        most = limit + (max(np.ptp(before), np.ptp(after)) if few else 0.0)
+        if after.min() - before.min() > most:
+            missing.append(row)
+    return np.array(missing[1:], dtype=np.int64)
 
 
 def _steady(even: EvenStamps, stamp_ns: IntArray) -> bool:
     """Whether what stamps are late by does not add up from sample to sample."""
     whole = even.count >= LEAST_SAMPLES
-    steps = np.diff(stamp_ns).astype(np.float64)
-    usual = steps[steps < GAP_INTERVALS * np.median(steps)]
-    if whole.sum() < 2 or not usual.std():
-        return len(even.count) == 1 and bool(usual.std())
+    steps = np.minimum(np.diff(stamp_ns), LONGEST * even.usual_ns)
+    if whole.sum() < 2:
+        return len(even.count) == 1 and bool(steps.std())
     apart = (even.interval_ns * np.sqrt(even.count))[whole].std()
-    return bool(apart < STEADY * usual.std())
+    return bool(apart < STEADY * steps.std())
 
 
 def _right(even: EvenStamps, imu: Imu, increments: bool) -> bool:

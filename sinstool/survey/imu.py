@@ -127,8 +127,8 @@ class Survey:
     gyro_unit : UnitEvidence
         What the turning of gravity says about the unit of the rates.
     even : EvenStamps or None
-        Times of samples that a sensor takes evenly, where stamps jitter: all times above but
-        those of windows, spans and orientations are by these.
+        Times of samples that a sensor takes evenly, where stamps jitter: intervals and gaps are by
+        these, while `first_ns`, windows, spans and orientations keep their stamps.
     """
 
     topic: str

@@ -89,13 +89,12 @@ def samples_again(
         Nobody is going to ask for them again: those that were kept are let go one by one.
     """
     even = survey.even
-    # Even times count from the first sample of a line on, which only its own stamp tells
-    begin_ns = start_ns if even is None else even.line_before(max(start_ns, survey.first_ns))
+    begin_ns = first_ns = max(start_ns, survey.first_ns)
     end_ns = survey.last_ns
     if even is not None:
+        # Even times count from the first sample of a line on, which only its own stamp tells
+        begin_ns = even.line_before(first_ns)
         end_ns += int(even.most_ns) + 1
-    else:
-        begin_ns = max(begin_ns, survey.first_ns)
     if samples.blocks is not None:
         raw = _kept(samples, log.size, progress, last)
     else:
@@ -108,7 +107,9 @@ def samples_again(
     blocks = ordered(reblock(inside, rows), Order(survey.horizon_ns))
     if even is None:
         return blocks
-    return within(even.applied(blocks), max(start_ns, survey.first_ns), survey.last_ns)
+    # The log's first sample may have been taken before its stamp
+    all_ns = None if first_ns <= even.stamp_ns[0] else first_ns
+    return within(even.applied(blocks), all_ns, survey.last_ns)
 
 
 def _kept(

@@ -34,7 +34,7 @@ from sinstool.survey.samples import SampleCache, samples_again
 from sinstool.survey.wheels import WheelSpeeds, read_wheels
 
 # Stamps that vary by more of an interval may be of receipt.
-JITTER = 0.1
+JITTER = 0.2
 
 
 @dataclass(frozen=True)
@@ -198,8 +198,9 @@ def part_of(source: Source, config: ProcessConfig, start_ns: int, end_ns: int) -
     whole = source.survey
     even, end_ns = whole.even, min(end_ns, whole.last_ns + 1)
     span = {"start": f"{start_ns} ns", "end": f"{end_ns} ns"}
-    if even is not None:  # from the first sample of a line on
+    if even is not None:  # from the first sample of a line on, as late as the last may be
         span["start"] = f"{even.line_before(start_ns)} ns"
+        span["end"] = f"{end_ns + int(even.most_ns) + 1} ns"
     options = config.input.model_copy(update={**span, "imu_stamps": "kept"})
     survey_, samples = survey_samples(source.log, source.imu_topic, options)
     survey_, _, _ = _truly_at_rest(survey_, source.aiding)
@@ -267,8 +268,7 @@ def _evened(found: Survey, even: EvenStamps, options: InputOptions) -> Survey:
     gaps = tuple(gap for gap in even.gaps if gap[1] * SECOND > longest)
     return replace(
         found,
-        first_ns=int(even.time_ns[0]),
-        last_ns=even.last_ns,
+        last_ns=max(found.last_ns, even.last_ns),
         interval_ns=even.usual_ns,
         max_gap_ns=int(longest),
         bursty=False,

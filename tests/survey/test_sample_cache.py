@@ -9,8 +9,9 @@ from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import ImuUnits
 from sinstool.io.readers.topics import choose_imu
 from sinstool.pipelines.process.run import process
-from sinstool.survey import imu as survey
-from sinstool.survey.imu import SampleCache
+from sinstool.survey import samples as sample_store
+from sinstool.survey.imu import survey
+from sinstool.survey.samples import SampleCache
 from sinstool.survey.source import imu_blocks, prepare
 from tests.helpers.imulogs import even_times, handheld, imu_log
 
@@ -35,17 +36,17 @@ def log(tmp_path_factory):
 def test_the_output_is_the_same_when_samples_are_read_again(log, tmp_path, monkeypatch, most, span):
     config = ProcessConfig(input=InputOptions(**span))
     process(log, tmp_path / "kept.mcap", config)
-    monkeypatch.setattr(survey, "CACHED_SAMPLES", most)
+    monkeypatch.setattr(sample_store, "CACHED_SAMPLES", most)
     process(log, tmp_path / "again.mcap", config)
     assert (tmp_path / "kept.mcap").read_bytes() == (tmp_path / "again.mcap").read_bytes()
 
 
 @pytest.mark.parametrize(("most", "cached"), [(0, False), (100, False), (10**6, True)])
 def test_all_or_none_are_kept(log, monkeypatch, most, cached):
-    monkeypatch.setattr(survey, "CACHED_SAMPLES", most)
+    monkeypatch.setattr(sample_store, "CACHED_SAMPLES", most)
     samples = SampleCache()
     with open_log(log) as opened:
-        result = survey.survey(opened, choose_imu(opened, None), ImuUnits(), read=samples)
+        result = survey(opened, choose_imu(opened, None), ImuUnits(), read=samples)
     if cached:
         assert sum(map(len, samples.blocks)) == result.count + result.order.duplicates
     else:

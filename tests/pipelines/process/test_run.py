@@ -24,8 +24,7 @@ from sinstool.pipelines.provenance import sha256
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.log import resting_fixes, write_simulated
 from sinstool.simulation.truth import after_rest, sample_times, static
-from sinstool.survey import imu as imu_survey
-from sinstool.survey import source
+from sinstool.survey import samples, source
 from tests.helpers.imulogs import (
     FLU_FRD,
     T0,
@@ -575,7 +574,7 @@ def test_files_do_not_depend_on_blocks(tmp_path, monkeypatch, name, kind):
     written = set()
     # with samples kept from the first pass for the second, and read again
     for rows, cached in ((10**9, 10**9), (4096, 0), (7, 10**9), (1, 0)):
-        monkeypatch.setattr(imu_survey, "CACHED_SAMPLES", cached)
+        monkeypatch.setattr(samples, "CACHED_SAMPLES", cached)
         monkeypatch.setattr(source, "survey", partial(whole_survey, block_rows=rows))
         monkeypatch.setattr(attitude, "imu_blocks", partial(whole_blocks, rows=rows))
         out = tmp_path / f"{rows}.mcap"

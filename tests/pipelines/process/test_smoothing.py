@@ -11,8 +11,7 @@ from sinstool.config.load import build
 from sinstool.core.errors import DataError
 from sinstool.core.rotation import tilt_and_heading
 from sinstool.pipelines.process.run import plan_of, process
-from sinstool.survey import imu as survey
-from sinstool.survey import source
+from sinstool.survey import samples, source
 from tests.helpers.filter_logs import simulated
 from tests.helpers.imulogs import T0, G, even_times, imu_log, read_topic, stamp_ns
 from tests.helpers.logs import real
@@ -122,7 +121,7 @@ def test_samples_that_are_read_twice_give_the_same(tmp_path, monkeypatch):
     log = hand(20.0)
     path = imu_log(tmp_path / "in.mcap", log.time_ns, log.gyro, log.accel)
     run(path, tmp_path / "a.mcap")
-    monkeypatch.setattr(survey, "CACHED_SAMPLES", 100)
+    monkeypatch.setattr(samples, "CACHED_SAMPLES", 100)
     monkeypatch.setattr(source, "BLOCK_ROWS", 777)
     run(path, tmp_path / "b.mcap")
     for one, other in zip(written(tmp_path / "a.mcap"), written(tmp_path / "b.mcap"), strict=True):

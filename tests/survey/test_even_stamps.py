@@ -1,0 +1,165 @@
+"""Times of samples that a sensor takes evenly, from stamps of their receipt."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sinstool.config import ProcessConfig
+from sinstool.core.streams import Imu, concatenate
+from sinstool.io.readers import open_log
+from sinstool.survey.even_stamps import even_stamps
+from sinstool.survey.source import imu_blocks, part_of, prepare
+from tests.helpers.unseen_drives import GRADES, drive, record, without_samples, write
+from tests.helpers.unseen_errors import received
+
+MS = 1_000_000
+INTERVAL = 5 * MS
+T0 = 1_700_000_000 * 10**9
+
+
+def samples(stamp_ns, time_ns, size=1.0):
+    """Rates that turn at half a hertz, as they were at `time_ns`, stamped otherwise."""
+    seconds = (time_ns - T0) * 1e-9
+    gyro = size * np.stack([np.sin(np.pi * seconds + phase) for phase in (0.0, 1.0, 2.0)], axis=1)
+    gyro += 1e-3 * np.random.default_rng(1).standard_normal(gyro.shape)
+    return Imu(stamp_ns, stamp_ns, gyro, np.tile([0.0, 0.0, 9.81], (len(stamp_ns), 1)), None)
+
+
+def even_times(n=20_000):
+    return T0 + INTERVAL * np.arange(n, dtype=np.int64)
+
+
+def late_by(random, n, scale):
+    return (scale * random.exponential(size=n)).astype(np.int64)
+
+
+def received_at(time_ns, late_ns):
+    """In order, and no two at once."""
+    stamps = np.maximum.accumulate(time_ns + late_ns)
+    return stamps + np.arange(len(stamps))
+
+
+@given(st.integers(0, 10_000), st.floats(1.0, 12.0))
+@settings(max_examples=20, deadline=None)
+def test_stamps_of_receipt_give_even_times(seed, scale_ms):
+    """Late by exponential times, even by more than an interval: their median remains."""
+    random, time_ns = np.random.default_rng(seed), even_times()
+    imu = samples(received_at(time_ns, late_by(random, len(time_ns), scale_ms * MS)), time_ns)
+    even = even_stamps([imu], False)
+    assert even is not None and not even.gaps
+    (out,) = even.applied([imu])
+    assert even.usual_ns == pytest.approx(INTERVAL, rel=1e-4)
+    assert np.std(out.time_ns - time_ns) < 0.15 * scale_ms * MS
+    np.testing.assert_allclose(np.diff(out.time_ns), INTERVAL, rtol=2e-3 * scale_ms)
+
+
+def test_samples_that_were_taken_at_their_stamps_keep_them():
+    """A computer that asks at uneven times: the rates follow the stamps."""
+    random, time_ns = np.random.default_rng(2), even_times()
+    stamps = received_at(time_ns, late_by(random, len(time_ns), 2 * MS))
+    assert even_stamps([samples(stamps, stamps)], False) is None
+    assert even_stamps([samples(stamps, time_ns)], False) is not None
+
+
+def test_increments_over_uneven_intervals_keep_their_stamps():
+    """They are as long as the intervals are, or all alike where the sensor is even."""
+    random, time_ns = np.random.default_rng(3), even_times()
+    stamps = received_at(time_ns, late_by(random, len(time_ns), 2 * MS))
+    rates = samples(stamps, stamps)
+    for at, expected in ((stamps, None), (time_ns, INTERVAL)):
+        step = np.diff(at, prepend=at[0] - INTERVAL)[:, None] * 1e-9
+        imu = Imu(stamps, stamps, rates.gyro * step, rates.accel * step, None)
+        even = even_stamps([imu], True)
+        if expected is None:
+            assert even is None
+        else:
+            assert even is not None and even.usual_ns == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_clock_that_is_not_steady_keeps_its_stamps():
+    """Intervals that vary independently add up."""
+    random = np.random.default_rng(4)
+    step = random.uniform(0.5 * INTERVAL, 1.5 * INTERVAL, 20_000).astype(np.int64)
+    stamps = T0 + np.cumsum(step)
+    assert even_stamps([samples(stamps, even_times(), 0.0)], False) is None
+
+
+def test_a_stall_is_no_gap_and_missing_samples_are():
+    """What waited comes at once after a stall; after a gap all samples are as late as before."""
+    random, time_ns = np.random.default_rng(5), even_times()
+    late = late_by(random, len(time_ns), 2 * MS)
+    stall = slice(8_000, 8_060)
+    late[stall] = (time_ns[8_060] - time_ns[stall]).astype(np.int64)
+    there = np.ones(len(time_ns), bool)
+    there[12_000:12_200] = False
+    imu = samples(received_at(time_ns, late)[there], time_ns[there])
+    even = even_stamps([imu], False)
+    assert even is not None
+    (gap,) = even.gaps
+    assert gap[0] == pytest.approx(int(time_ns[11_999]), abs=3 * MS)
+    assert gap[1] == pytest.approx(1.005, abs=0.002)
+    (out,) = even.applied([imu])
+    assert np.abs(out.time_ns - time_ns[there] - 1.4 * MS).max() < 1.5 * MS
+
+
+@given(st.lists(st.integers(1, 19_999), max_size=6), st.integers(0, 40))
+@settings(max_examples=20, deadline=None)
+def test_times_do_not_depend_on_blocks(cuts, line):
+    """Nor on how many lines were left out before."""
+    random, time_ns = np.random.default_rng(6), even_times()
+    imu = samples(received_at(time_ns, late_by(random, len(time_ns), 4 * MS)), time_ns)
+    even = even_stamps([imu], False)
+    assert even is not None
+    (whole,) = even.applied([imu])
+    edges = [0, *sorted(set(cuts)), len(imu)]
+    parts = [imu.rows(slice(a, b)) for a, b in pairwise(edges)]
+    again = concatenate(list(even.applied(parts)))
+    np.testing.assert_array_equal(again.time_ns, whole.time_ns)
+    begin = int(np.searchsorted(imu.time_ns, even.stamp_ns[line]))
+    (late,) = even.applied([imu.rows(slice(begin, None))])
+    np.testing.assert_array_equal(late.time_ns, whole.time_ns[begin:])
+    sought = int(whole.time_ns[begin]) + random.integers(-INTERVAL, INTERVAL)
+    expected = whole.time_ns[np.searchsorted(whole.time_ns, sought)]
+    assert even.sample_from(sought) == expected
+    assert even.sample_from(int(whole.time_ns[-1]) + 1) == whole.time_ns[-1] == even.last_ns
+
+
+@pytest.fixture(scope="module")
+def jittering(tmp_path_factory):
+    """A drive with stamps of receipt that vary by most of an interval, and a gap."""
+    data = record(drive(3, 200.0, 30.0), GRADES["industrial"], 3)
+    log = tmp_path_factory.mktemp("jitter") / "drive.mcap"
+    return write(log, received(without_samples(data, 100.0, 3.0), 3, 4e-3))
+
+
+def test_a_log_with_stamps_of_receipt(jittering):
+    """Its only gap is the one where samples are missing; any part has the same times."""
+    config = ProcessConfig()
+    with open_log(jittering) as opened:
+        source = prepare(opened, config)
+        found = source.survey
+        assert found.even is not None and found.interval_ns == pytest.approx(5e6, rel=1e-4)
+        assert {finding.kind for finding in source.findings} >= {"uneven-stamps", "gaps"}
+        (gap,) = found.gaps
+        assert gap[1] == pytest.approx(3.005, abs=0.002)
+        whole = concatenate(list(imu_blocks(source, found.first_ns)))
+        assert len(whole) == found.count
+        assert whole.time_ns[0] == found.even.time_ns[0]
+        assert whole.time_ns[-1] == found.even.last_ns
+        middle = int(whole.time_ns[15_000]) + 1
+        part = part_of(source, config, middle, found.last_ns)
+        some = concatenate(list(imu_blocks(part, part.survey.first_ns)))
+        np.testing.assert_array_equal(some.time_ns, whole.time_ns[15_001:])
+        later = concatenate(list(imu_blocks(source, middle)))
+        np.testing.assert_array_equal(later.time_ns, whole.time_ns[15_001:])
+        np.testing.assert_array_equal(later.gyro, whole.gyro[15_001:])
+
+
+@pytest.mark.parametrize(("option", "gaps"), [("kept", True), ("auto", False), ("even", False)])
+def test_the_option_about_stamps(jittering, option, gaps):
+    with open_log(jittering) as opened:
+        source = prepare(opened, ProcessConfig(input={"imu_stamps": option}))
+    assert (source.survey.gap_count > 100) is gaps
