@@ -34,7 +34,7 @@ from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.start import start_at
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.methods.strapdown.velocity import Increments
-from sinstool.pipelines.process.ins_gnss.first_state import find_start
+from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
 from sinstool.survey.source import Source, prepare, rate_blocks
 
 # What receivers of these kinds do: RTK in a street, and a car's receiver with corrections.
@@ -145,7 +145,7 @@ def run(
 ) -> Run:
     hidden = np.zeros(len(data.gnss), bool) if withheld is None else withheld
     if start is None:
-        usable = data.gnss.rows(~hidden)
+        usable = StartFixes.of(data.gnss.rows(~hidden), settings.gnss)
         first, time_ns, how, _ = find_start(data.source, data.config, settings, usable)
     else:
         (first, time_ns), how = start, "given"

@@ -61,10 +61,6 @@ class Wander:
         far = [f"{factor:.2g} times as far {where}" for where, factor in shares if factor > 1.0]
         return f"fixes wander {' and '.join(far)}, by {self.seconds:.0f} s of rest"
 
-    def of(self, model: GnssModel) -> GnssModel:
-        """A receiver's noise with the slow error of positions that rests show."""
-        return model.with_slow_position(self.level, self.vertical)
-
 
 AS_STATED = Wander()
 """Fixes that wander no further than their receiver says."""

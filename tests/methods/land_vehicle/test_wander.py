@@ -59,7 +59,7 @@ def test_heights_that_wander_further_are_seen(seed):
     # A dozen fixes that count: a sigma is known to a fifth, and less where they go one way
     assert 3.0 < wander.vertical < 20.0
     assert wander.seconds == pytest.approx(260.0, abs=1.0)
-    model = wander.of(MODEL)
+    model = MODEL.with_slow_position(wander.level, wander.vertical)
     assert model.position_markov == pytest.approx((0.4, 0.4, 0.7 * wander.vertical))
     assert model.position_white == MODEL.position_white
     assert "in height" in str(wander) and "north" not in str(wander)

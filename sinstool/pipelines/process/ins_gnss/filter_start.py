@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -49,6 +49,9 @@ class FilterStart:
         About settings and measurements, and about how the attitude was found.
     noisier : tuple of float, optional
         How many times as noisy as the receiver says positions are, horizontally and vertically.
+    slow_errors : tuple of float, optional
+        How many times as large as follows from what the receiver says the slow errors of positions
+        are, horizontally and vertically.
     drifts : float, optional
         How many times as far as options that say how good the Imu is explain the navigation drifts
         where fixes are left out; 1 where that shows no more.
@@ -69,12 +72,36 @@ class FilterStart:
     warnings: tuple[str, ...]
     attitude_warnings: tuple[str, ...]
     noisier: tuple[float, float] = (1.0, 1.0)
+    slow_errors: tuple[float, float] = (1.0, 1.0)
     drifts: float = 1.0
 
     @cached_property
     def used(self) -> GnssEpochs:
         """Epochs that are not withheld."""
         return self.gnss.rows(~self.withheld)
+
+    def with_slow_position(self, level: float, vertical: float, why: str) -> FilterStart:
+        """The same start with slow errors of positions that are so many times as large.
+
+        Those of single fixes, and of the start, which is one, grow with them: a filter leaves to
+        the white part of a fix's noise what is left beside the slow one.
+        """
+        before = self.settings.gnss
+        model = before.with_slow_position(level, vertical)
+        white, slow = np.square(before.position_white), np.square(before.position_markov)
+        square = np.square(self.gnss.sigma_position_n)
+        left = np.where(square >= white + slow, square - slow, square * white / (white + slow))
+        sigma = np.sqrt(left + np.square(model.position_markov))
+        covariance = self.start.covariance_position_n
+        least = np.square(model.position_white) + np.square(model.position_markov)
+        covariance = covariance + np.diag(np.maximum(least - np.diagonal(covariance), 0.0))
+        return replace(
+            self,
+            settings=replace(self.settings, gnss=model),
+            start=replace(self.start, covariance_position_n=covariance),
+            gnss=replace(self.gnss, sigma_position_n=sigma),
+            gnss_why=f"{self.gnss_why}; {why}",
+        )
 
     @property
     def offsets_error(self) -> FloatArray:

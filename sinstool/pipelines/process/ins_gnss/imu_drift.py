@@ -48,8 +48,8 @@ SHOWN_NS = 660 * SECOND
 LEFT_OUT_S, SETTLED_S = 20.0, 60.0
 LONGEST_STEP_S = 1.5
 # Navigations are compared by the dozen, with updates joined as long as they stay shorter than this,
-# s: from 200 Hz on, three and more. That changes the factors by less than 1 %.
-JOINED_S = 0.02
+# s. That changes the factors by less than 1 %.
+JOINED_S = 0.1
 # Where errors of a window are looked at, as shares of it.
 LOOKS = (0.1, 0.35, 1.0)
 LEAST_WINDOWS = 4
@@ -180,6 +180,24 @@ class _Windows:
         return float(np.nansum(square + 2.0 * np.log(sigma)))
 
 
+def shown_increments(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> Increments | None:
+    """Increments of the first minutes from a start on, up to a long gap; None without any.
+
+    All at once, as each run over them is prepared for longer than it takes per block, and joined.
+    """
+    parts: list[Increments] = []
+    last_ns = start.time_ns
+    steps = SegmentIncrements(source, config, algorithm)
+    for increments, _, _ in steps.from_time(start.time_ns, start.time_ns + SHOWN_NS):
+        if int(increments.time_ns[0]) - last_ns > round(start.settings.max_gap * SECOND):
+            break
+        last_ns = int(increments.time_ns[-1])
+        parts.append(increments)
+    return joined_updates(concatenate(parts), JOINED_S) if parts else None
+
+
 class Drift:
     """The drift of a navigation in the first part of a log.
 
@@ -197,16 +215,7 @@ class Drift:
         self._measured = config.navigation.imu_noise is not None
         self._least = _of_rest(source, start)
         self._shaken = _shaken_at_rest(source, start)
-        parts: list[Increments] = []
-        last_ns = start.time_ns
-        steps = SegmentIncrements(source, config, algorithm)
-        for increments, _, _ in steps.from_time(start.time_ns, start.time_ns + SHOWN_NS):
-            if int(increments.time_ns[0]) - last_ns > round(start.settings.max_gap * SECOND):
-                break
-            last_ns = int(increments.time_ns[-1])
-            parts.append(joined_updates(increments, JOINED_S))
-        # At once, as each run over them is prepared for longer than it takes per block
-        self._increments = concatenate(parts) if parts else None
+        self._increments = shown_increments(source, config, algorithm, start)
 
     @cached_property
     def _as_graded(self) -> _Windows | None:

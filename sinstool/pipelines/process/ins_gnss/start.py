@@ -13,29 +13,29 @@ from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
 from sinstool.core.options import span
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.height.pressure import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import (
     message_times,
     split_position_velocity,
 )
 from sinstool.methods.ins_gnss.settings import (
-    BARO_GRADES,
-    BaroModel,
-    DivergenceControl,
-    GnssModel,
     Settings,
     Start,
 )
-from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
-from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
+from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.in_motion import imu_noise
-from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
+from sinstool.pipelines.process.ins_gnss.filter_settings import (
+    barometer,
+    filter_settings,
+    has_scales,
+    imu_stated,
+    receiver_stated,
+    too_good,
+)
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
-from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors
+from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors, shown_increments
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
 from sinstool.pipelines.process.ins_gnss.receiver import (
     gnss_model,
@@ -44,29 +44,20 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
     with_lasting_share,
     with_measured_noise,
 )
+from sinstool.pipelines.process.ins_gnss.slow_errors import with_slow_errors
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag, white_noise, with_offsets
 from sinstool.survey.grade import (
     ImuGrade,
-    random_walk,
-    random_walks,
     sensor_grade,
     to_align_as,
 )
 from sinstool.survey.source import Source
 
-# Noise at rest, over what the options say of it, that is worth a warning.
-NOISIER = 3.0
-# Times the biases of a navigation grade that one judged by its noise may have: data sheets of such
-# noise lie a factor of ten and more apart.
-OPEN_BIAS = 3.0
-OPEN = ("gyro_bias", "gyro_instability", "accel_bias", "accel_instability")
 # A grade that drifts so many times as much as its own sigmas say is none of the Imu's.
 OTHER_GRADE = 2.0
 # A better grade is tried where gyros are so many times as noisy as theirs, and taken where it is
 # likelier by this: twice the log, e^5 to 1.
 QUIETER, LEAST_GAIN = 0.7, 10.0
-# Slow error of a barometer, m, and its correlation time: weather, temperature, a cabin.
-AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
 # Latencies with which a start is tried one after the other, s.
 FIRST_LATENCIES = (0.0, 0.15, -0.15)
 
@@ -104,8 +95,8 @@ def first_start(
     here = config if grade is None else to_align_as(config, grade)
     grade = grade or sensor_grade(source, config)
     model, gnss_why = gnss_model(gnss, config)
-    reference, remarks = _barometer(source, config)
-    settings = _settings(source, config, grade, model, reference)
+    reference, remarks = barometer(source, config)
+    settings = filter_settings(source, config, grade, model, reference)
     lag = config.filter.gnss_velocity_lag
     if lag is None:
         lag = significant_lag(gnss)
@@ -126,7 +117,7 @@ def first_start(
         lag,
         grade,
         gnss_why,
-        (*_too_good(source, config, settings), *remarks),
+        (*too_good(source, config, settings), *remarks),
         notes,
     )
     return start_in_longest(source, config, best)
@@ -168,7 +159,10 @@ def timed_start(
     start = _timed(source, config, algorithm, first)
     if config.navigation.imu_grade == "auto":
         start = _drifting(source, config, algorithm, _fitted(source, config, algorithm, start))
-    if _stated(config):
+        if not receiver_stated(config):
+            # A poor Imu follows fixes wherever they go, until it is known to be a better one
+            start = _wandering(source, config, algorithm, start)
+    if imu_stated(config):
         drift = Drift(source, config, algorithm, _by_the_fixes(start))
         start = replace(start, drifts=drift.ratio)
     if start.latency_status == "not settled":
@@ -181,6 +175,14 @@ def timed_start(
         warning = (
             f"fixes are {times_as_noisy(start.noisier)} as noisy as the receiver says, by how they"
             " change, and are weighted accordingly; --gnss-noise-scale overrides this"
+        )
+        start = replace(start, warnings=(warning, *start.warnings))
+    if max(start.slow_errors) > 1.0:
+        north, _, down = start.settings.gnss.position_markov
+        warning = (
+            f"fixes wander by {north:.2g} m (vertically {down:.2g} m; 1 sigma) within minutes, more"
+            " than the receiver says, by how the navigation of the IMU differs from them, and are"
+            " weighted accordingly; --gnss-lasting overrides this"
         )
         start = replace(start, warnings=(warning, *start.warnings))
     log_choice(
@@ -221,7 +223,19 @@ def _timed(
         # The start is one at fixes, and may use their speed
         first = noisy
         noisy = begin(first.settings.gnss_latency, None)
-    return with_offsets(source, config, algorithm, noisy, begin)
+    timed = with_offsets(source, config, algorithm, noisy, begin)
+    if imu_stated(config) or receiver_stated(config):
+        return timed
+    return _wandering(source, config, algorithm, timed)
+
+
+def _wandering(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> FilterStart:
+    """A start with slow errors of fixes as large as they are beside its Imu."""
+    by_fixes = _by_the_fixes(start)
+    increments = shown_increments(source, config, algorithm, by_fixes)
+    return with_slow_errors(start, by_fixes, increments)
 
 
 def _fitted(
@@ -232,14 +246,17 @@ def _fitted(
     White noise at rest says little of biases and scale factors, and vibration is not there.
     """
     shown = fit(source, config, algorithm, _by_the_fixes(start))
-    while shown is not None and shown.doubted:
+    # Slow errors of fixes make up for those of an Imu, too: whichever is likelier
+    while shown is not None and (shown.doubted or max(start.slow_errors) > 1.0):
         worse = next_worse(start.grade.grade)
         if worse is None:
             break
-        why = (
-            f"as for a {start.grade.grade} one innovations squared are {shown.square:.2g} times"
-            " what was expected"
-        )
+        why = f"innovations are clearly likelier than as a {start.grade.grade} one"
+        if shown.doubted:
+            why = (
+                f"as for a {start.grade.grade} one innovations squared are {shown.square:.2g} times"
+                " what was expected"
+            )
         try:
             first = first_start(source, config, ImuGrade(worse, why))
         except AlignmentError:
@@ -310,7 +327,7 @@ def _better(
     if factors.gyro >= QUIETER or config.navigation.imu_noise is not None:
         return None
     order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
-    scales = _has_scales(config)
+    scales = has_scales(config)
     gains = {
         other: drift.gain(factors, imu_noise(config, other, scales))
         for other in order[order.index(grade) + 1 :]
@@ -354,129 +371,6 @@ def _latency_why(start: FilterStart) -> str:
     if start.offsets is None or not start.offsets.observable:
         return f"{used}; not observable in this log: the motion changes too little{velocity}"
     return f"{used}; found in the log: {start.offsets}{velocity}"
-
-
-def _barometer(source: Source, config: ProcessConfig) -> tuple[HeightReference | None, list[str]]:
-    """Barometer heights, where the log has a barometer and the filter takes one."""
-    if config.filter.filter == "plain-15" or config.vertical.height_damping == "gnss":
-        return None, []
-    barometer = source.aiding.barometer
-    notes = [str(finding) for finding in barometer.findings]
-    if barometer.stream is None and barometer.problem is None:
-        if config.vertical.height_damping == "baro":
-            height_reference(source, config, 0.0)  # says what is missing
-        return None, notes
-    vertical = config.vertical.model_copy(update={"height_damping": "baro"})
-    damped = config.model_copy(update={"vertical": vertical})
-    start = source.position[2] or 0.0
-    reference, more = height_reference(source, damped, start)
-    return reference, [*notes, *more]
-
-
-def _settings(
-    source: Source,
-    config: ProcessConfig,
-    judged: ImuGrade,
-    model: GnssModel,
-    reference: HeightReference | None,
-) -> Settings:
-    options, grade = config.filter, judged.grade
-    damping = None
-    if reference is not None and options.filter.startswith("network"):
-        damping, _ = network(config, grade, source.latitude or 0.0)
-    baro = _baro_model(config, grade, model, reference)
-    return Settings(
-        filter=options.filter,
-        imu=_imu(source, config, judged),
-        gnss=model,
-        baro=baro,
-        network=damping,
-        grade=grade,
-        feedback=options.feedback,
-        control=DivergenceControl(
-            virtual_noise=options.virtual_noise == "on"
-            or (
-                options.virtual_noise == "auto"
-                and grade == "mems"
-                and config.navigation.imu_noise is None
-            ),
-            adaptive=options.adaptive,
-            schmidt_epsilon=options.schmidt_epsilon,
-            restart_after=options.restart_after,
-        ),
-        lever_arm_b=config.gnss.lever_arm,
-    )
-
-
-def _has_scales(config: ProcessConfig) -> bool:
-    """Whether the filter has states for the scale factors of the accelerometers."""
-    return filter_kind(config.filter.filter).first(ACCEL_SCALE) >= 0
-
-
-def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
-    """Errors of the sensors: of a grade that a rest shows, no less than the noise there.
-
-    Noise tells a navigation grade from others, but leaves its biases open, and scale factors are
-    then no better than those of the grade below.
-    """
-    noise, walks = imu_noise(config, grade.grade, _has_scales(config)), random_walks(source)
-    options, file = config.in_flight, config.navigation.imu_noise
-    if grade.by_drift:
-        # Which says little of the biases at the start
-        below = imu_noise(config, next_worse(grade.grade) or grade.grade, _has_scales(config))
-        return replace(noise, gyro_bias=below.gyro_bias, accel_bias=below.accel_bias)
-    if config.navigation.imu_grade != "auto" or walks is None:
-        return noise
-    if options.vrw is None:
-        noise = replace(noise, velocity_random_walk=max(noise.velocity_random_walk, walks[1]))
-    if grade.grade == "navigation" and file is None:
-        if options.arw is None:
-            noise = replace(noise, angle_random_walk=max(noise.angle_random_walk, walks[0]))
-        judged, below = IMU_GRADES[grade.grade], IMU_GRADES["tactical"]
-        changes = {name: OPEN_BIAS * getattr(judged, name) for name in OPEN}
-        changes |= {name: getattr(below, name) for name in ("gyro_scale", "accel_scale")}
-        # What options say stays
-        same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
-        noise = replace(noise, **{name: changes[name] for name in same})
-    return noise
-
-
-def _stated(config: ProcessConfig) -> bool:
-    """Whether options say how good the Imu is."""
-    options = config.navigation
-    return (
-        options.imu_grade != "auto"
-        or options.imu_noise is not None
-        or config.in_flight.arw is not None
-        or config.in_flight.vrw is not None
-    )
-
-
-def _too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
-    """Warning of a gyro whose configured noise is far below its noise at rest."""
-    shown, assumed = random_walk(source), settings.imu.angle_random_walk
-    if not _stated(config) or shown is None or shown < NOISIER * assumed:
-        return []
-    size = 60.0 / DEGREE
-    return [
-        f"the gyro's noise at rest is {size * shown:.2g} deg/sqrt(h), but the filter was set to"
-        f" {size * assumed:.2g} (--imu-grade, --imu-noise, --arw): its sigmas will be too"
-        " small; leave that option out"
-    ]
-
-
-def _baro_model(
-    config: ProcessConfig, grade: Grade, gnss: GnssModel, reference: HeightReference | None
-) -> BaroModel:
-    """Errors of the barometric heights: of the air, and of what they were set by."""
-    sigma = AIR_SIGMA if config.filter.baro_sigma is None else config.filter.baro_sigma
-    if reference is not None and reference.baro is not None and reference.baro.mode == "gnss":
-        # The fixes of half a minute, whose slow error is one and the same
-        sigma = float(np.hypot(sigma, gnss.position_markov[2]))
-    white = BARO_GRADES[grade].white
-    if reference is not None and reference.sigma > 0.0:
-        white = reference.sigma
-    return BaroModel(sigma, AIR_TIME_S, white)
 
 
 def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:

@@ -88,17 +88,7 @@ class VehicleAssumptions:
         """A filter's start with the slow errors of fixes that rests show."""
         if self.constraints is None or self.wander.ordinary:
             return start
-        model = self.wander.of(start.settings.gnss)
-        # The first position is that of a fix
-        covariance = start.start.covariance_position_n
-        least = np.square(model.position_white) + np.square(model.position_markov)
-        covariance = covariance + np.diag(np.maximum(least - np.diagonal(covariance), 0.0))
-        return replace(
-            start,
-            settings=replace(start.settings, gnss=model),
-            start=replace(start.start, covariance_position_n=covariance),
-            gnss_why=f"{start.gnss_why}; {self.wander}",
-        )
+        return start.with_slow_position(self.wander.level, self.wander.vertical, str(self.wander))
 
     def used(self, summary: FilterSummary) -> VehicleUsed:
         """Constraints as a filter used and estimated them."""

@@ -1,0 +1,168 @@
+"""Settings of an INS/GNSS filter: sensors, barometer and options, before any run of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.units import DEGREE
+from sinstool.methods.height.pressure import HeightReference
+from sinstool.methods.ins_gnss.settings import (
+    BARO_GRADES,
+    BaroModel,
+    DivergenceControl,
+    GnssModel,
+    Settings,
+)
+from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
+from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
+from sinstool.pipelines.align.in_motion import imu_noise
+from sinstool.pipelines.process.height import height_reference, network
+from sinstool.pipelines.process.ins_gnss.imu_fit import next_worse
+from sinstool.survey.grade import ImuGrade, random_walk, random_walks
+from sinstool.survey.source import Source
+
+# Noise at rest, over what the options say of it, that is worth a warning.
+NOISIER = 3.0
+# Times the biases of a navigation grade that one judged by its noise may have: data sheets of such
+# noise lie a factor of ten and more apart.
+OPEN_BIAS = 3.0
+OPEN = ("gyro_bias", "gyro_instability", "accel_bias", "accel_instability")
+# Slow error of a barometer, m, and its correlation time: weather, temperature, a cabin.
+AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
+
+
+def filter_settings(
+    source: Source,
+    config: ProcessConfig,
+    judged: ImuGrade,
+    model: GnssModel,
+    reference: HeightReference | None,
+) -> Settings:
+    """Settings of a filter for a log, as options and the judged grade of the Imu have them."""
+    options, grade = config.filter, judged.grade
+    damping = None
+    if reference is not None and options.filter.startswith("network"):
+        damping, _ = network(config, grade, source.latitude or 0.0)
+    baro = _baro_model(config, grade, model, reference)
+    return Settings(
+        filter=options.filter,
+        imu=_imu(source, config, judged),
+        gnss=model,
+        baro=baro,
+        network=damping,
+        grade=grade,
+        feedback=options.feedback,
+        control=DivergenceControl(
+            virtual_noise=options.virtual_noise == "on"
+            or (
+                options.virtual_noise == "auto"
+                and grade == "mems"
+                and config.navigation.imu_noise is None
+            ),
+            adaptive=options.adaptive,
+            schmidt_epsilon=options.schmidt_epsilon,
+            restart_after=options.restart_after,
+        ),
+        lever_arm_b=config.gnss.lever_arm,
+    )
+
+
+def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
+    """Errors of the sensors: of a grade that a rest shows, no less than the noise there.
+
+    Noise tells a navigation grade from others, but leaves its biases open, and scale factors are
+    then no better than those of the grade below.
+    """
+    noise, walks = imu_noise(config, grade.grade, has_scales(config)), random_walks(source)
+    options, file = config.in_flight, config.navigation.imu_noise
+    if grade.by_drift:
+        # Which says little of the biases at the start
+        below = imu_noise(config, next_worse(grade.grade) or grade.grade, has_scales(config))
+        return replace(noise, gyro_bias=below.gyro_bias, accel_bias=below.accel_bias)
+    if config.navigation.imu_grade != "auto" or walks is None:
+        return noise
+    if options.vrw is None:
+        noise = replace(noise, velocity_random_walk=max(noise.velocity_random_walk, walks[1]))
+    if grade.grade == "navigation" and file is None:
+        if options.arw is None:
+            noise = replace(noise, angle_random_walk=max(noise.angle_random_walk, walks[0]))
+        judged, below = IMU_GRADES[grade.grade], IMU_GRADES["tactical"]
+        changes = {name: OPEN_BIAS * getattr(judged, name) for name in OPEN}
+        changes |= {name: getattr(below, name) for name in ("gyro_scale", "accel_scale")}
+        # What options say stays
+        same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
+        noise = replace(noise, **{name: changes[name] for name in same})
+    return noise
+
+
+def has_scales(config: ProcessConfig) -> bool:
+    """Whether the filter has states for the scale factors of the accelerometers."""
+    return filter_kind(config.filter.filter).first(ACCEL_SCALE) >= 0
+
+
+def _baro_model(
+    config: ProcessConfig, grade: Grade, gnss: GnssModel, reference: HeightReference | None
+) -> BaroModel:
+    """Errors of the barometric heights: of the air, and of what they were set by."""
+    sigma = AIR_SIGMA if config.filter.baro_sigma is None else config.filter.baro_sigma
+    if reference is not None and reference.baro is not None and reference.baro.mode == "gnss":
+        # The fixes of half a minute, whose slow error is one and the same
+        sigma = float(np.hypot(sigma, gnss.position_markov[2]))
+    white = BARO_GRADES[grade].white
+    if reference is not None and reference.sigma > 0.0:
+        white = reference.sigma
+    return BaroModel(sigma, AIR_TIME_S, white)
+
+
+def barometer(source: Source, config: ProcessConfig) -> tuple[HeightReference | None, list[str]]:
+    """Barometer heights, where the log has a barometer and the filter takes one."""
+    if config.filter.filter == "plain-15" or config.vertical.height_damping == "gnss":
+        return None, []
+    barometer = source.aiding.barometer
+    notes = [str(finding) for finding in barometer.findings]
+    if barometer.stream is None and barometer.problem is None:
+        if config.vertical.height_damping == "baro":
+            height_reference(source, config, 0.0)  # says what is missing
+        return None, notes
+    vertical = config.vertical.model_copy(update={"height_damping": "baro"})
+    damped = config.model_copy(update={"vertical": vertical})
+    start = source.position[2] or 0.0
+    reference, more = height_reference(source, damped, start)
+    return reference, [*notes, *more]
+
+
+def imu_stated(config: ProcessConfig) -> bool:
+    """Whether options say how good the Imu is."""
+    options = config.navigation
+    return (
+        options.imu_grade != "auto"
+        or options.imu_noise is not None
+        or config.in_flight.arw is not None
+        or config.in_flight.vrw is not None
+    )
+
+
+def receiver_stated(config: ProcessConfig) -> bool:
+    """Whether options say how noisy the fixes are."""
+    options = config.filter
+    return (
+        options.gnss_lasting is not None
+        or options.gnss_sigma is not None
+        or options.gnss_noise_scale != 1.0
+    )
+
+
+def too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
+    """Warning of a gyro whose configured noise is far below its noise at rest."""
+    shown, assumed = random_walk(source), settings.imu.angle_random_walk
+    if not imu_stated(config) or shown is None or shown < NOISIER * assumed:
+        return []
+    size = 60.0 / DEGREE
+    return [
+        f"the gyro's noise at rest is {size * shown:.2g} deg/sqrt(h), but the filter was set to"
+        f" {size * assumed:.2g} (--imu-grade, --imu-noise, --arw): its sigmas will be too"
+        " small; leave that option out"
+    ]

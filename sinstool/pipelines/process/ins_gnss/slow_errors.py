@@ -1,0 +1,112 @@
+"""Slow errors of fixes, beside an Imu that drifts less than they wander.
+
+A receiver states how large its errors are, not how they follow one another; what it states often
+covers their white part only. Errors that last for minutes move the navigation with them, and single
+innovations hardly show that. All of them together do: under the right size of the slow errors they
+are most likely (Schweppe 1965). Whether the fixes wander or the Imu drifts is for the same
+likelihood to tell, so what is compared are pairs of both.
+
+References
+----------
+.. [1] F. C. Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE Trans.
+   Information Theory 11(1), 1965, 61-70.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.core.chi_square import upper_point
+from sinstool.core.streams import take_rows
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.strapdown.velocity import Increments
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+
+# Factors of the sigmas are powers of this; so many at most.
+STEP, MOST_STEPS = 2.0, 10
+# Squares beyond this are those of bad fixes, and count as this.
+GATE = upper_point(6, 1e-4)
+# By how much -2 log likelihood must fall before a receiver is thought to understate its slow error:
+# four sigmas of one parameter, as no model of an Imu is quite right; and up to what rise larger
+# errors would not show.
+LEAST_GAIN, NOT_SHOWN = 16.0, 4.0
+LEAST_EPOCHS = 100
+SLOW = "; slow errors"
+
+
+def with_slow_errors(
+    start: FilterStart, judged: FilterStart, increments: Increments | None
+) -> FilterStart:
+    """A start with slow errors of fixes as large as all innovations show them.
+
+    Parameters
+    ----------
+    judged : FilterStart
+        The same with the latency and the lever arm that innovations are to be judged with.
+    increments : Increments or None
+        From the start on, for some minutes.
+
+    Returns
+    -------
+    FilterStart
+        The same where nothing speaks clearly for larger ones.
+    """
+    if increments is None:
+        return start
+    costs: dict[tuple[int, int], float] = {}
+
+    def cost(steps: tuple[int, int]) -> float:
+        if steps not in costs:
+            if not 0 <= min(steps) <= max(steps) <= MOST_STEPS:
+                return np.inf
+            costs[steps] = _cost(increments, _with(judged, steps, 0))
+        return costs[steps]
+
+    # Horizontally and in height together first, then one after the other
+    best = (0, 0)
+    if not np.isfinite(cost(best)):
+        return start
+    for way in ((1, 1), (0, 1), (0, -1), (1, 0), (-1, 0)):
+        while cost(ahead := (best[0] + way[0], best[1] + way[1])) < cost(best):
+            best = ahead
+    if cost(best) >= cost((0, 0)) - LEAST_GAIN:
+        best = (0, 0)
+    most = best
+    while cost(ahead := (most[0] + 1, most[1] + 1)) < cost(best) + NOT_SHOWN:
+        most = ahead
+    return _with(start, best, most[0])
+
+
+def _with(start: FilterStart, steps: tuple[int, int], most: int) -> FilterStart:
+    """A start with larger slow errors, horizontally and in height.
+
+    Parameters
+    ----------
+    most : int
+        Step of the largest horizontal ones that would not show.
+    """
+    level, vertical = (STEP**step for step in steps)
+    stated = start.settings.gnss.position_markov[0]
+    made = start.with_slow_position(level, vertical, "") if any(steps) else start
+    north, _, down = made.settings.gnss.position_markov
+    text = f"{start.gnss_why.split(SLOW)[0]}{SLOW} {north:.3g} m, in height {down:.3g} m"
+    if any(steps):
+        text += ", by all innovations"
+    if most > steps[0]:
+        text += f" (of {stated * STEP**most:.2g} m would not show)"
+    times = start.slow_errors[0] * level, start.slow_errors[1] * vertical
+    return replace(made, gnss_why=text, slow_errors=times)
+
+
+def _cost(increments: Increments, start: FilterStart) -> float:
+    """-2 log likelihood of the innovations; infinite with too few."""
+    settings = replace(start.settings, network=None)
+    run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
+    epochs = run.push(increments, start.used).gnss
+    epochs = take_rows(epochs, np.isfinite(epochs.nis))
+    if len(epochs) < LEAST_EPOCHS:
+        return np.inf
+    spread = 2.0 * np.nansum(np.log(epochs.innovation_sigma), axis=1)
+    return float(np.sum(np.minimum(epochs.nis, GATE) + spread))

@@ -1,0 +1,52 @@
+"""Slow errors of fixes that an Imu shows, and those that it cannot."""
+
+import numpy as np
+import pytest
+
+from tests.helpers.filter_logs import start_of
+from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
+from tests.helpers.unseen_errors import wandering
+
+SIGMA = 0.4
+
+
+def started(folder, seed, times, time=100.0, grade="tactical", **options):
+    """A start from a drive whose fixes wander so many times as far as they are noisy."""
+    data = record(drive(seed, 400.0, 20.0), GRADES[grade], seed, gnss_rate=2.0, sigma=SIGMA)
+    data = wandering(data, seed, times * SIGMA, time) if times else data
+    log = write(folder / "log.mcap", data)
+    gnss = {"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0}
+    return start_of(log, input={"gyro_kind": "mean-rate"}, gnss=gnss, **options)
+
+
+@pytest.mark.parametrize(("seed", "times"), [(1, 4.0), (2, 2.0), (3, 8.0)])
+def test_a_wander_that_the_receiver_does_not_state(tmp_path, seed, times):
+    """It left a navigation 11 sigmas off, and the Imu taken for a poor one.
+
+    Of a Gauss-Markov process of another correlation time, over minutes, the rate of change shows.
+    """
+    start = started(tmp_path, seed, times)
+    slow = np.array(start.settings.gnss.position_markov)
+    same_rate = times * SIGMA * np.sqrt(start.settings.gnss.position_time / 100.0)
+    assert slow == pytest.approx(np.array([1.0, 1.0, 1.5]) * same_rate, rel=0.6)
+    white = np.array(start.settings.gnss.position_white)
+    assert white == pytest.approx(3 * [SIGMA], rel=0.15)
+    # What is left beside the slow part is white noise of each fix
+    sigma = np.median(start.gnss.sigma_position_n, axis=0)
+    assert np.sqrt(sigma**2 - slow**2) == pytest.approx(white, rel=0.01)
+    assert start.start.covariance_position_n[0, 0] >= slow[0] ** 2
+    assert start.grade.grade in ("tactical", "navigation")
+    assert any("fixes wander by" in text for text in start.warnings)
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+@pytest.mark.parametrize("grade", ["tactical", "industrial"])
+def test_fixes_with_white_noise_only_do_not_wander(tmp_path, seed, grade):
+    start = started(tmp_path, seed, 0.0, grade=grade)
+    assert start.slow_errors == (1.0, 1.0)
+    assert not any("fixes wander by" in text for text in start.warnings)
+
+
+def test_what_options_say_of_the_fixes_stays(tmp_path):
+    start = started(tmp_path, 1, 4.0, filter={"gnss_lasting": 0.5})
+    assert start.slow_errors == (1.0, 1.0)
