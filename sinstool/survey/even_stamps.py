@@ -32,8 +32,8 @@ from sinstool.core.timeline import GAP_INTERVALS, SECOND
 
 # A line goes through the stamps of so long, s, and of at least so many samples.
 LINE_S, LEAST_SAMPLES = 2.0, 64
-# Fewer samples than this may all be late by chance; so many long intervals are looked at together.
-LEAST_NEARBY, ROWS = 20, 1000
+# So many long intervals are looked at together.
+ROWS = 1000
 # Durations of lines vary by this much of what independent intervals would make of them, at most;
 # an interval counts as no more than so many usual ones.
 STEADY, LONGEST = 0.5, 10.0
@@ -212,7 +212,8 @@ def _missing(stamp_ns: IntArray, late: FloatArray, interval_ns: float, nearby: i
     for row in doubtful:
         # What lies beyond the gap before says nothing
         before, after = late[max(missing[-1], row - nearby) : row], late[row : row + nearby]
-        few = min(len(before), len(after)) < LEAST_NEARBY
+        # At an end of the log, or soon after a gap, all may be late by chance
+        few = min(len(before), len(after)) < nearby
         most = limit + (max(np.ptp(before), np.ptp(after)) if few else 0.0)
         if after.min() - before.min() > most:
             missing.append(row)

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sinstool.config import ProcessConfig
@@ -43,6 +43,7 @@ def received_at(time_ns, late_ns):
 
 
 @given(st.integers(0, 10_000), st.floats(1.0, 12.0))
+@example(279, 12.0)
 @settings(max_examples=20, deadline=None)
 def test_stamps_of_receipt_give_even_times(seed, scale_ms):
     """Late by exponential times, even by more than an interval: their median remains."""
