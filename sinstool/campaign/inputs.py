@@ -17,7 +17,7 @@ from sinstool.core.errors import ConfigurationError, NotALogError, OutputError
 from sinstool.io.readers.formats import METADATA, kind_of
 
 OUTPUT_SUFFIX = ".mcap"
-# What is named so is meant as a log: one that is empty, or holds something else, is lost, not absent.
+# A file named so is meant as a log, whatever it holds.
 LOG_SUFFIXES = (".mcap", ".bag", ".db3", ".ulg")
 _PART = re.compile(r"(?P<stem>.+)_(?P<number>\d+)\.(db3|mcap)(\.zstd)?")
 _MAGIC = re.compile(r"[*?[]")
