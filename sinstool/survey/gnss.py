@@ -40,8 +40,8 @@ NEARLY_ALL = 0.8
 FLAT_HEIGHT_M = 5.0
 # Beyond what any vehicle with an IMU on Earth does, though not beyond what damaged bytes say.
 FASTEST_M_S = 2e4
-# The kind of finding about a velocity that is none over ground.
-LEFT_OUT = "velocity-left-out"
+# The kinds of finding about a velocity that is none over ground: left out, or used as configured.
+LEFT_OUT, CONTRADICTS = "velocity-left-out", "velocity-contradicts"
 # A standard deviation above this says "unknown", however much larger it is.
 UNKNOWN_SIGMA = 1e6
 
@@ -254,7 +254,7 @@ def _believed_velocity(
         answer = f"--velocity-topic {read.topic} uses it all the same"
         if named:
             usable.append(read)
-            kind, end = "velocity-contradicts", "used, as configured"
+            kind, end = CONTRADICTS, "used, as configured"
             answer = "--velocity-topic none leaves it out"
         findings.append(
             Finding(kind, f"{text}; {end}", answer=answer, topic=read.topic, numbers=numbers)

@@ -132,7 +132,9 @@ def test_a_unit_that_no_atmosphere_has_is_named(baro_ref):
     spoilt = replace(baro, pressure=100.0 * baro.pressure)
     chosen = {"vertical": {"height_damping": "baro", "baro_ref": baro_ref},
               "input": {"baro_unit": "hPa"}}  # fmt: skip
-    with pytest.raises(DataError, match="read in hPa as configured, which no atmosphere.*--baro-u"):
+    with pytest.raises(
+        DataError, match=r"read in hPa as configured, which no atmosphere.*--baro-u"
+    ):
         height_reference(source_of(spoilt, gnss), build(ProcessConfig, chosen), 300.0)
 
 

@@ -1,0 +1,119 @@
+"""The course over ground shows the unit and the sense of a gyro, if the nose goes first."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sinstool.config import InputOptions
+from sinstool.core.finding import Severity
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.alignment.still import WindowStage
+from sinstool.survey.course import course_evidence, course_findings
+from tests.helpers.imulogs import T0
+from tests.helpers.unseen_drives import DEG, boat, drive, flight, multicopter, walk
+
+DURATION = 240.0
+FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+def windows(truth, gyro=None, accel=None, bias=(0.0, 0.0, 0.0)):
+    """Half-second windows of perfect sensors, spoilt by matrices."""
+    step = float(truth.seconds[1] - truth.seconds[0])
+    rates, force = truth.gyro / step + bias, truth.accel / step
+    stage = WindowStage()
+    times = T0 + np.round(truth.seconds * 1e9).astype(np.int64)
+    stage.push(
+        times[-len(rates) :],
+        rates if gyro is None else rates @ np.asarray(gyro).T,
+        force if accel is None else force @ np.asarray(accel).T,
+    )
+    return stage.finish()
+
+
+def epochs(truth, sigma_v=0.1, late_s=0.0, rate=4.0, velocity=True, seed=1):
+    random = np.random.default_rng(seed)
+    every = round(1.0 / rate / float(truth.seconds[1] - truth.seconds[0]))
+    rows = np.arange(0, len(truth.seconds), every)
+    times = T0 + np.round((truth.seconds[rows] + late_s) * 1e9).astype(np.int64)
+    n = len(rows)
+    v = truth.velocity_n[rows] + sigma_v * random.standard_normal((n, 3))
+    latitude = truth.latitude[rows]
+    longitude = truth.longitude[rows]
+    return GnssEpochs(
+        times, times, latitude, longitude, truth.height[rows],
+        v if velocity else np.full((n, 3), np.nan), np.full((n, 3), 2.0),
+        np.full((n, 3), sigma_v if velocity else np.nan),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def roads():
+    return [drive(seed, DURATION, rest=20.0) for seed in (21, 22, 23)]
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+@pytest.mark.parametrize(("late_s", "bias"), [(0.0, 0.0), (0.4, 0.02)])
+def test_a_right_gyro_turns_as_the_course_does(roads, velocity, late_s, bias):
+    for road in roads:
+        gnss = epochs(road, late_s=late_s, velocity=velocity)
+        evidence = course_evidence(windows(road, bias=(0.0, 0.0, bias)), gnss)
+        assert evidence.ratio == pytest.approx(1.0, abs=0.2), evidence
+        assert not list(course_findings(windows(road), gnss, InputOptions(), "/imu"))
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_wrong_unit_is_refused_or_named(roads, velocity):
+    for road in roads:
+        gnss = epochs(road, velocity=velocity)
+        wrong = windows(road, gyro=np.eye(3) / DEG)
+        (finding,) = course_findings(wrong, gnss, InputOptions(), "/imu")
+        assert finding.severity == Severity.FAILED and "--gyro-unit deg/s" in finding.answer
+        assert "times less than the gyro" in finding.text
+        (finding,) = course_findings(wrong, gnss, InputOptions(gyro_unit="rad/s"), "/imu")
+        assert finding.severity == Severity.WARNING
+        shrunk = windows(road, gyro=np.eye(3) * DEG)
+        (finding,) = course_findings(shrunk, gnss, InputOptions(gyro_unit="deg/s"), "/imu")
+        assert "times more than the gyro" in finding.text
+        assert finding.severity == Severity.WARNING
+
+
+@pytest.mark.parametrize(("gyro", "accel"), [(FLIP, None), (None, -np.eye(3)), (-np.eye(3), None)])
+def test_signs_that_do_not_belong_together(roads, gyro, accel):
+    for road in roads:
+        (finding,) = course_findings(
+            windows(road, gyro, accel), epochs(road), InputOptions(), "/imu"
+        )
+        assert finding.kind == "course-gyro-sense" and finding.severity == Severity.WARNING
+        assert finding.numbers["ratio"] == pytest.approx(-1.0, abs=0.2)
+
+
+def test_a_sensor_on_its_head_is_no_contradiction(roads):
+    for road in roads:
+        assert not list(
+            course_findings(windows(road, FLIP, FLIP), epochs(road), InputOptions(), "/imu")
+        )
+
+
+@pytest.mark.parametrize("vehicle", [boat, flight, multicopter, walk])
+@pytest.mark.parametrize("unit", [1.0, DEG])
+def test_vehicles_that_slide_lean_or_go_sideways_are_not_accused(vehicle, unit):
+    for seed in range(3):
+        truth = vehicle(seed, 300.0)
+        found = course_findings(
+            windows(truth, gyro=np.eye(3) * unit), epochs(truth), InputOptions(gyro_unit="deg/s"),
+            "/imu",
+        )  # fmt: skip
+        assert all("times more" in f.text for f in found) if unit != 1.0 else not list(found)
+
+
+def test_too_little_to_tell(roads):
+    gnss = epochs(roads[0])
+    standing = gnss.rows(gnss.time_ns < T0 + 15 * 10**9)
+    assert course_evidence(windows(roads[0]), standing).ratio is None
+    assert course_evidence(windows(roads[0]), None).ratio is None
+    noise = replace(gnss, velocity_n=5.0 * np.random.default_rng(3).standard_normal((len(gnss), 3)))
+    assert course_evidence(windows(roads[0]), noise).ratio is None
+    # stamps that are off by more than a turn takes show nothing
+    late = replace(gnss, time_ns=gnss.time_ns + 18 * 10**9)
+    assert course_evidence(windows(roads[0]), late).ratio is None
