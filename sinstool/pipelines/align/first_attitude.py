@@ -38,6 +38,8 @@ FILTER_SIGMA = 10.0 * DEGREE
 AT_FIX_S = 0.03
 # A mean rate at rest, rad/s (45 deg/h), that is not just the Earth's in an unknown direction.
 PLAIN_BIAS = 3.0 * EARTH_RATE
+# A mean rate at rest, rad/s, beyond the zero-rate offset of all but the worst gyros.
+STEADY_TURN = 10.0 * DEGREE
 NO_BIAS = f"{initial.NOT_STILL}, so no gyro bias is removed"
 
 
@@ -343,7 +345,16 @@ def _with_bias(alignment: Alignment, source: Source, config: ProcessConfig) -> A
     still = source.survey.lead_in
     if still is not None:
         bias = initial.still_bias(still, alignment.q_nb, earth_rate(source))
-        return replace(alignment, gyro_bias=bias, bias_source="still")
+        alignment = replace(alignment, gyro_bias=bias, bias_source="still")
+        size = float(np.linalg.norm(bias))
+        if size > STEADY_TURN:
+            note = (
+                f"the mean rate of the first {still.duration_s:.1f} s, {size / DEGREE:.1f} deg/s,"
+                " is removed as the gyro's bias, which is large for one: if the sensor turned at"
+                " this rate, add --gyro-bias none, or choose a beginning at rest with --start"
+            )
+            alignment = replace(alignment, warnings=(*alignment.warnings, note))
+        return alignment
     rest = longest_rest(source.survey.spans, source.aiding.gnss)
     note = NO_BIAS
     if rest is not None:
