@@ -303,8 +303,8 @@ def _imu_noise(source: Source, config: ProcessConfig) -> Choice:
         walks = random_walks(source)
         reason = "as no noise file is given"
         if config.navigation.imu_grade == "auto" and walks is not None:
-            shown = f"{walks[1] / MICRO_G:.2g} ug/sqrt(Hz)"
-            reason += f"; where the accelerometer's at rest, {shown}, is more, a filter takes that"
+            shown = f"{walks[1] / MICRO_G:.3g} ug/sqrt(Hz)"
+            reason += f"; a filter uses the accelerometer's at rest, {shown}, if that is more"
         return Choice("of the grade", reason, option)
     walk, reason = walk_in(measured), "as configured: measured at rest"
     if walk is not None:
@@ -334,6 +334,8 @@ def _magnetometer(
 ) -> tuple[MagneticTopic, tuple[Finding, ...]]:
     """The magnetometer that shows a smoothed attitude its heading, and why none does."""
     name = config.navigation.magnetometer
+    if attitude.value == "filtered":
+        return MagneticTopic("", "as GNSS shows the heading"), ()
     if attitude.value != "smoothed":
         return MagneticTopic("", f"as the attitude is {attitude.value}"), ()
     # An orientation of the log that comes without a sigma may count from anywhere
@@ -366,7 +368,9 @@ def _first_attitude(
     option, method = "--align", config.align.align
     if alignment is None:
         assert filter_start is not None
-        return Choice("svd" if method == "auto" else method, filter_start.how, option)
+        chosen = "svd" if method == "auto" else method
+        how = filter_start.how.removeprefix(f"attitude by {chosen}").strip(" ;")
+        return Choice(chosen, how or "as configured", option)
     if method != "auto":
         return Choice(alignment.method, "as configured", option)
     return Choice(alignment.method, _why(alignment, source), option)
@@ -416,4 +420,4 @@ def _vehicle(config: ProcessConfig, mode: str) -> Choice:
         return Choice("none", "as --feedback is none", option)
     if configured != "auto":
         return Choice(configured, "as configured", option)
-    return Choice("auto", "as a first run without constraints will show", option)
+    return Choice("auto", "which a first run without constraints decides", option)

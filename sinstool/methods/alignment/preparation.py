@@ -156,7 +156,7 @@ def prepare_fixes(
     if rough.any() and settings.vectors != "pos":
         warnings.append(
             f"{int(rough.sum())} fixes whose velocities are much less certain than those of their"
-            " neighbours not used"
+            " neighbours are not used"
         )
         gnss = gnss.rows(~rough)
     if settings.vectors == "pos":

@@ -149,6 +149,15 @@ def _covariance(alignment: Alignment) -> np.ndarray:
     return np.diag(np.square([*tilt, 2.0 * DEGREE if heading is None else heading]))
 
 
+_BIAS = {
+    "alignment": "by the alignment",
+    "rest": "by a rest",
+    "still": "by the rest at the beginning",
+    "given": "as configured",
+    "none": "not known",
+}
+
+
 def _how(alignment: Alignment, covariance: np.ndarray) -> str:
     """Source of the attitude in words."""
     if alignment.method not in IN_FLIGHT or alignment.held_ns is None:
@@ -158,6 +167,6 @@ def _how(alignment: Alignment, covariance: np.ndarray) -> str:
     carried = f"carried {'back' if later >= 0.0 else 'forward'} over {abs(later):.0f} s"
     return (
         f"attitude by {alignment.method} from velocity changes, {carried};"
-        f" gyro bias: {alignment.bias_source}; heading known to"
+        f" gyro bias {_BIAS[alignment.bias_source]}; heading known to"
         f" {np.sqrt(covariance[2, 2]) / DEGREE:.1f} deg"
     )
