@@ -8,7 +8,7 @@ is not made again.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,8 @@ from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.finding import Finding
 from sinstool.core.memory import give_back
+from sinstool.core.options import span
+from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -32,6 +34,10 @@ from sinstool.survey.source import Source, has_gnss
 if TYPE_CHECKING:
     from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 
+# The finding about a log with fixes that no filter can start from.
+NO_INS_GNSS = "no-ins-gnss"
+NO_SOLUTION = "attitude alone, as no INS/GNSS solution can be started: "
+NO_NORTH = "nothing shows north"
 # A log that is shorter holds nothing to smooth.
 SHORTEST_S = 3.0
 LABELS = {"imu_topic": "Imu topic", "imu_grade": "IMU grade", "imu_noise": "IMU noise"}
@@ -166,6 +172,9 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     algorithm = choose_algorithm(source, config)
     attitude = _attitude(source, config, mode.value, grade.grade)
     magnetic, doubts = _magnetometer(source, config, attitude, alignment)
+    if magnetic.topic:
+        reason = first.reason.replace(NO_NORTH, "only the magnetometer shows north")
+        first = replace(first, reason=reason)
     plan = Plan(
         imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
         mode=mode,
@@ -180,7 +189,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
         wheels=_wheels(source, mode.value),
         vehicle=_vehicle(config, mode.value),
         _algorithm=algorithm,
-        _findings=(*findings, *doubts, *_unused(config, mode)),
+        _findings=(*findings, *doubts, *_unused(config, mode), *_not_withheld(source, config)),
         _alignment=alignment,
         _filter_start=filter_start,
         _magnetic=magnetic if magnetic.topic else None,
@@ -253,9 +262,9 @@ def _mode(
             reason = "as the log has GNSS fixes, and they show where it starts"
             return Choice("ins-gnss", reason, option), start, ()
         give_back()
-    text = f"attitude alone, as no INS/GNSS solution can be started: {why}"
+    text = f"{NO_SOLUTION}{why}"
     reason = "as no INS/GNSS solution can be started"
-    return Choice("attitude", reason, option), None, (Finding("no-ins-gnss", text),)
+    return Choice("attitude", reason, option), None, (Finding(NO_INS_GNSS, text),)
 
 
 def _unused(config: ProcessConfig, mode: Choice) -> tuple[Finding, ...]:
@@ -272,6 +281,21 @@ def _unused(config: ProcessConfig, mode: Choice) -> tuple[Finding, ...]:
             answer=f"--mode {modes} would use {'it' if len(unused) == 1 else 'them'}",
         ),
     )
+
+
+def _not_withheld(source: Source, config: ProcessConfig) -> list[Finding]:
+    """Spans of ``--withhold-gnss`` in which there is no fix that could be withheld."""
+    gnss, first_ns = source.aiding.gnss, source.survey.first_ns
+    findings = []
+    for text in config.filter.withhold_gnss:
+        begin, end = span(text)
+        if gnss is not None:
+            seconds = (gnss.time_ns - first_ns) / SECOND
+            if ((seconds >= begin) & (seconds < end)).any():
+                continue
+        said = f"--withhold-gnss {text} withholds nothing, as the log has no fix there"
+        findings.append(Finding("nothing-withheld", said))
+    return findings
 
 
 def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) -> Choice:
@@ -383,10 +407,10 @@ def _why(alignment: Alignment, source: Source) -> str:
     if alignment.method == "gyrocompass":
         return f"as {rest}, the latitude is known and the gyros see the Earth's rotation"
     if alignment.method in IN_FLIGHT:
-        shown = "heading" if alignment.north_referenced else "tilt, and nothing shows north"
+        shown = "heading" if alignment.north_referenced else f"tilt, and {NO_NORTH}"
         return f"as motion and GNSS velocity show {shown}"
     if rest:
-        return f"as {rest} and nothing shows north"
+        return f"as {rest} and {NO_NORTH}"
     if alignment.method == "log":
         return "as the log does not begin at rest and its Imu topic holds orientations"
     return "as the log neither begins at rest nor holds orientations: tilt from its first second"

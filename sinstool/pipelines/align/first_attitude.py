@@ -19,6 +19,7 @@ from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment, tilted
+from sinstool.methods.alignment.still import STEADY_TURN
 from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.rest import longest_rest
@@ -38,8 +39,6 @@ FILTER_SIGMA = 10.0 * DEGREE
 AT_FIX_S = 0.03
 # A mean rate at rest, rad/s (45 deg/h), that is not just the Earth's in an unknown direction.
 PLAIN_BIAS = 3.0 * EARTH_RATE
-# A mean rate at rest, rad/s, beyond the zero-rate offset of all but the worst gyros.
-STEADY_TURN = 10.0 * DEGREE
 NO_BIAS = f"{initial.NOT_STILL}, so no gyro bias is removed"
 
 

@@ -100,7 +100,8 @@ def find_start(
             if config.align.align == "auto":
                 raise AlignmentError(
                     "the log does not show heading, and the filter needs it",
-                    "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING",
+                    "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING, or, where"
+                    " gyros measure the Earth's rotation at rest, use --align gyrocompass",
                 )
             raise AlignmentError(
                 f"--align {alignment.method} gives no heading, and the filter needs one",
@@ -123,7 +124,8 @@ def find_start(
     except AlignmentError as exc:
         message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
         hint = exc.hint
-        if config.navigation.imu_grade == "auto" and random_walk(source) is None:
+        unsure = "sigma" in message and config.navigation.imu_grade == "auto"
+        if unsure and random_walk(source) is None:
             hint = (
                 f"{hint or 'give an initial attitude'}, or set the grade of the Imu with"
                 " --imu-grade"
