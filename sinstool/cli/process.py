@@ -53,8 +53,9 @@ def command(
 ) -> int:
     """Compute attitude, velocity and position from the IMU in LOG, and write them as MCAP.
 
-    LOG is an MCAP file, a ROS 1 bag, a ROS 2 bag directory, a .db3 file or a ULog. Several LOGs, a folder
-    or a quoted pattern are processed one by one into the folder OUTPUT; complete outputs are kept.
+    LOG is an MCAP file, a ROS 1 bag, a ROS 2 bag directory, a .db3 file or a ULog. Several LOGs, a
+    folder or a quoted pattern are processed one by one into the folder OUTPUT; complete outputs are
+    kept.
 
     \b
       sinstool process flight.mcap -o flight.attitude.mcap --report flight.html

@@ -772,7 +772,7 @@ def test_verbose_errors_have_their_traceback(tmp_path):
 def test_a_steady_turn_is_not_called_rest(sinstool, tmp_path):
     """A table that turns at a constant rate: its noise is that of rest, its rate no bias."""
     gyro, accel = resting(1000)
-    turning = np.asarray(gyro) + [0.0, 0.0, np.radians(90.0)]
+    turning = np.add(gyro, [0.0, 0.0, np.radians(90.0)])
     path = write_log(tmp_path / "a.mcap", imu_messages(even_times(1000), turning, accel))
     _, out, _ = sinstool("info", path)
     assert re.search(r"^  steady .* it turns at this rate, or the gyro's bias is large$", out, re.M)
@@ -782,7 +782,7 @@ def test_a_steady_turn_is_not_called_rest(sinstool, tmp_path):
     told = ("--gyro-bias", "none")
     _, _, err = sinstool("process", path, "-o", tmp_path / "b.out.mcap", *told)
     assert "is removed" not in err
-    slow = np.asarray(gyro) + [0.0, 0.0, np.radians(4.0)]
+    slow = np.add(gyro, [0.0, 0.0, np.radians(4.0)])
     path = write_log(tmp_path / "c.mcap", imu_messages(even_times(1000), slow, accel))
     _, _, err = sinstool("process", path, "-o", tmp_path / "c.out.mcap")
     assert "deg/s, is removed" not in err
