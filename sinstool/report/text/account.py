@@ -68,7 +68,7 @@ def _way(travel: Travel) -> str:
 def _fixes(used: summary.FilterUsed | None) -> str:
     if used is None:
         return ""
-    count = f"{used.epochs_used} GNSS fixes were used"
+    count = f"{used.epochs_used} GNSS epochs were used"
     if used.epochs_gated:
         count += f" and {used.epochs_gated} rejected"
     out = used.outages
