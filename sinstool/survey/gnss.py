@@ -243,15 +243,15 @@ def _believed_velocity(
         reasons = [read.frame, fits.likeness]
         if fits.misfit is not None:
             reasons = [
-                f"its integral is off the fixes of {fix_topic} by {fits.misfit:.0%} of the way",
+                f"its integral differs from the fixes of {fix_topic} by {fits.misfit:.0%} of the"
+                " distance",
                 *reasons,
             ]
-        text = f"topic {read.topic} is no velocity over ground in east, north, up: " + "; ".join(
-            reason for reason in reasons if reason
-        )
+        text = f"topic {read.topic} holds no velocity over ground in east, north, up: "
+        text += "; ".join(reason for reason in reasons if reason)
         numbers = {} if fits.misfit is None else {"misfit": fits.misfit}
         kind, end = LEFT_OUT, "left out"
-        answer = f"--velocity-topic {read.topic} uses it all the same"
+        answer = f"--velocity-topic {read.topic} uses it anyway"
         if named:
             usable.append(read)
             kind, end = CONTRADICTS, "used, as configured"
@@ -318,7 +318,7 @@ def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
         raise DataError(
             log.path,
             f"topic {topic}: its latitudes are about {latitude:.6g} and longitudes"
-            f" {longitude:.6g}, in no unit of NavSatFix",
+            f" {longitude:.6g}, which are no degrees",
             "sensor_msgs/NavSatFix holds degrees (some drivers write 1e-7 degrees): convert it,"
             " or name another topic with --gnss-topic",
         )

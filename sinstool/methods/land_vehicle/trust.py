@@ -148,7 +148,7 @@ def find_trust(
         c_vb = to_dcm(exp([0.0, pitch, -yaw])) @ c_vb
     elif max(abs(yaw), abs(pitch)) > MOST_OFF:
         off = max(abs(yaw), abs(pitch)) / DEGREE
-        reason = f"its way is {off:.0f} deg off the direction of the mount"
+        reason = f"it moves {off:.0f} deg off the forward axis of the mount"
     else:
         # Roll has no state, and neither row shows it
         upright, _ = _mount(means, track, moving)

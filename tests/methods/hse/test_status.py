@@ -171,7 +171,9 @@ def test_runs_that_do_not_belong_together_are_remarked():
     ]  # fmt: skip
     found = [w for w in judged(mixed).warnings if "times as much as their own turns" in w]
     assert len(found) == 1 and "one rig at one site" in found[0]
-    slightly = [replace(r, heading=r.heading + (-1.0) ** k * 3.0 * ARCSEC) for k, r in enumerate(runs)]
+    slightly = [
+        replace(r, heading=r.heading + (-1.0) ** k * 3.0 * ARCSEC) for k, r in enumerate(runs)
+    ]
     assert not any("their own turns" in w for w in judged(slightly).warnings)
 
 
