@@ -7,6 +7,7 @@ import numpy as np
 from sinstool.core.finding import Finding
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
+from sinstool.survey.course import RECEIVER_CLOCK
 from sinstool.survey.imu import Survey
 
 # No message is recorded before it is stamped, but for what two clocks of one machine differ by;
@@ -42,7 +43,7 @@ def clocks_apart(survey: Survey, gnss: GnssEpochs | None, topic: str) -> list[Fi
     unless = "" if ahead > 0.0 else ", unless they were recorded so late"
     return [
         Finding(
-            "receiver-clock",
+            RECEIVER_CLOCK,
             f"the stamps of {topic} are {shown} those of the Imu, by the times at which messages"
             " were recorded: two clocks",
             answer=f"add --gnss-clock-offset {ahead:.1f}{unless}",

@@ -21,6 +21,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.still import WINDOW_NS, Windows
 
+RECEIVER_CLOCK = "receiver-clock"
 # Courses are compared over intervals of about this length, s, of those of at most that.
 STEP_S, LONGEST_S = 2.0, 5.0
 # From this speed on, m/s, and so many sigmas of it, there is a course.
@@ -30,6 +31,9 @@ SHORTEST_M = 8.0
 # The course turned by this much in all, rad, in so many intervals; the gyro explains this share of
 # its squares; and the ratio of the two is that of an explanation but for this factor.
 LEAST_TURNED, LEAST_STEPS, LEAST_EXPLAINED, NEAR = 1.5, 10, 0.8, 1.4
+# Stamps of two clocks: turns as they are stamped explain at most this share, those at another time
+# within so many s, in steps of so many, at least that.
+MISFIT, FARTHEST_S, FINE_S, CLEAR = 0.5, 60.0, 0.5, 0.9
 
 
 @dataclass(frozen=True)
@@ -63,36 +67,90 @@ def course_evidence(windows: Windows, gnss: GnssEpochs | None) -> CourseEvidence
     """
     if gnss is None or len(windows) < LEAST_STEPS:
         return CourseEvidence()
+    turns = _Turns.of(windows)
     times, course = _courses(gnss)
+    return CourseEvidence() if turns is None else _compared(turns, times, course)
+
+
+def receiver_ahead(windows: Windows, gnss: GnssEpochs | None) -> float | None:
+    """How far a receiver's stamps are ahead of the Imu's, by the turns of both, s.
+
+    Returns
+    -------
+    float or None
+        To half a second; None where the turns fit as they are stamped, or no other time fits
+        them clearly better than all others.
+    """
+    if gnss is None or len(windows) < LEAST_STEPS:
+        return None
+    turns = _Turns.of(windows)
+    times, course = _courses(gnss)
+    if turns is None or _compared(turns, times, course).explained > MISFIT:
+        return None
+    steps = np.arange(-round(FARTHEST_S / FINE_S), round(FARTHEST_S / FINE_S) + 1)
+    fits = [
+        _compared(turns, times - round(step * FINE_S * SECOND), course) for step in steps.tolist()
+    ]
+    follows = [fit.ratio is not None and _near(fit.ratio, 1.0) for fit in fits]
+    explained = np.where(follows, [fit.explained for fit in fits], 0.0)
+    best = int(np.argmax(explained))
+    elsewhere = np.abs(steps - steps[best]) * FINE_S > STEP_S + LONGEST_S
+    if explained[best] < CLEAR or explained[elsewhere].max(initial=0.0) > LEAST_EXPLAINED:
+        return None
+    return float(steps[best] * FINE_S)
+
+
+@dataclass(frozen=True)
+class _Turns:
+    """Angle that the gyro turned about the vertical, at the ends of windows.
+
+    Attributes
+    ----------
+    gaps : ndarray, shape (n,)
+        How many gaps there were before.
+    """
+
+    ends_ns: IntArray
+    angle: FloatArray
+    gaps: IntArray
+
+    @classmethod
+    def of(cls, windows: Windows) -> _Turns | None:
+        up = windows.count @ windows.accel
+        size = float(np.linalg.norm(up))
+        if not size > 0.0:
+            return None
+        angle = np.cumsum(windows.gyro @ (-up / size)) * (WINDOW_NS / SECOND)
+        gaps = np.concatenate([[0], np.cumsum(np.diff(windows.start_ns) != WINDOW_NS)])
+        return cls(windows.start_ns + WINDOW_NS, angle, gaps)
+
+
+def _compared(turns: _Turns, times: IntArray, course: FloatArray) -> CourseEvidence:
+    """Turns of a course against those of the gyro over the same intervals."""
     if len(times) <= LEAST_STEPS:
         return CourseEvidence()
-    up = windows.count @ windows.accel
-    size = float(np.linalg.norm(up))
-    if not size > 0.0:
-        return CourseEvidence()
-    ends = windows.start_ns + WINDOW_NS
-    angle = np.cumsum(windows.gyro @ (-up / size)) * (WINDOW_NS / SECOND)
-    gaps = np.concatenate([[0], np.cumsum(np.diff(windows.start_ns) != WINDOW_NS)])
+    ends = turns.ends_ns
     seconds = np.diff(times) / SECOND
     place = np.searchsorted(ends, times)
     inside = (place > 0) & (place < len(ends))
-    gap = gaps[np.clip(place, 0, len(ends) - 1)]
+    gap = turns.gaps[np.clip(place, 0, len(ends) - 1)]
     usable = inside[1:] & inside[:-1] & (seconds <= LONGEST_S) & (gap[1:] == gap[:-1])
     turn = wrapped(np.diff(course))[usable]
-    said = np.diff(np.interp((times - ends[0]) / SECOND, (ends - ends[0]) / SECOND, angle))[usable]
+    at = np.interp((times - ends[0]) / SECOND, (ends - ends[0]) / SECOND, turns.angle)
+    said = np.diff(at)[usable]
     turned = float(np.sum(np.abs(turn)))
     if len(turn) < LEAST_STEPS or turned < LEAST_TURNED:
         return CourseEvidence(turned_rad=turned)
     # But for a bias of the gyro, which adds the same to each second
     length = seconds[usable]
     columns = np.stack([said, length], axis=1)
-    (ratio, _), *_ = np.linalg.lstsq(columns, turn, rcond=None)
+    fit, *_ = np.linalg.lstsq(columns, turn, rcond=None)
+    left = turn - columns @ fit
     still = turn - length * float(length @ turn) / float(length @ length)
-    left = turn - columns @ np.linalg.lstsq(columns, turn, rcond=None)[0]
     explained = 1.0 - float(left @ left) / max(float(still @ still), 1e-12)
     if explained < LEAST_EXPLAINED:
         return CourseEvidence(None, turned, explained)
-    return CourseEvidence(float(ratio), turned, explained)
+    return CourseEvidence(float(fit[0]), turned, explained)
 
 
 def _courses(gnss: GnssEpochs) -> tuple[IntArray, FloatArray]:
@@ -138,6 +196,17 @@ def course_findings(
     evidence = course_evidence(windows, gnss)
     ratio = evidence.ratio
     if ratio is None:
+        ahead = receiver_ahead(windows, gnss)
+        if ahead is not None:
+            shown = f"{abs(ahead):.1f} s {'ahead of' if ahead > 0.0 else 'behind'}"
+            yield Finding(
+                RECEIVER_CLOCK,
+                f"the course over ground turns as the gyro does only if the stamps of the fixes are"
+                f" {shown} those of the Imu: two clocks",
+                answer=f"add --gnss-clock-offset {ahead:.1f}",
+                topic=topic,
+                numbers={"ahead_s": ahead},
+            )
         return
     numbers = {"ratio": ratio, "explained": evidence.explained}
     turned = f"the course over ground turned by {evidence.turned_rad / DEGREE:.0f} deg in all, "

@@ -178,7 +178,8 @@ def _against_gnss(
     for finding in course_findings(survey_.windows, aiding.gnss, options, survey_.topic):
         if finding.severity == Severity.FAILED:
             raise DataError(log.path, finding.text, finding.answer)
-        findings.append(finding)
+        if all(f.kind != finding.kind for f in findings):
+            findings.append(finding)
     return findings
 
 

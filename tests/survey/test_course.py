@@ -9,7 +9,7 @@ from sinstool.config import InputOptions
 from sinstool.core.finding import Severity
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.alignment.still import WindowStage
-from sinstool.survey.course import course_evidence, course_findings
+from sinstool.survey.course import course_evidence, course_findings, receiver_ahead
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import DEG, boat, drive, flight, multicopter, walk
 
@@ -114,6 +114,44 @@ def test_too_little_to_tell(roads):
     assert course_evidence(windows(roads[0]), None).ratio is None
     noise = replace(gnss, velocity_n=5.0 * np.random.default_rng(3).standard_normal((len(gnss), 3)))
     assert course_evidence(windows(roads[0]), noise).ratio is None
-    # stamps that are off by more than a turn takes show nothing
+    # stamps that are off by more than a turn takes show nothing of the unit
     late = replace(gnss, time_ns=gnss.time_ns + 18 * 10**9)
     assert course_evidence(windows(roads[0]), late).ratio is None
+
+
+@pytest.mark.parametrize("ahead", [18.0, -18.0, 37.0, 5.0, -58.0])
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_receiver_on_another_clock_is_found_by_its_turns(roads, ahead, velocity):
+    """GPS time and UTC differ by 18 s, TAI by 37 s; no time of recording is needed."""
+    for road in roads:
+        gnss = epochs(road, velocity=velocity)
+        late = replace(gnss, time_ns=gnss.time_ns + round(ahead * 1e9))
+        assert receiver_ahead(windows(road), late) == pytest.approx(ahead, abs=1.0)
+        (finding,) = course_findings(windows(road), late, InputOptions(), "/imu")
+        assert finding.kind == "receiver-clock" and "--gnss-clock-offset" in finding.answer
+        assert receiver_ahead(windows(road), gnss) is None
+
+
+@pytest.mark.parametrize("vehicle", [boat, flight, multicopter, walk])
+def test_no_clock_is_blamed_for_what_does_not_follow_its_nose(vehicle):
+    for seed in range(4):
+        truth = vehicle(seed, 300.0)
+        assert receiver_ahead(windows(truth), epochs(truth)) is None
+
+
+def test_steady_circles_show_no_clock():
+    """They fit at every whole turn, and so at none."""
+    seconds = np.arange(0.0, 300.0, 0.005)
+    course = 2.0 * np.pi * seconds / 20.0 + 0.6 * np.sin(2.0 * np.pi * seconds / 20.0)
+    rate = np.gradient(course, seconds)
+    stage = WindowStage()
+    times = T0 + np.round(seconds * 1e9).astype(np.int64)
+    gyro = np.stack([0.0 * rate, 0.0 * rate, rate], axis=1)
+    stage.push(times, gyro, np.tile([0.0, 0.0, -9.81], (len(rate), 1)))
+    rows = np.arange(0, len(seconds), 200)
+    v = 10.0 * np.stack([np.cos(course[rows]), np.sin(course[rows]), 0.0 * course[rows]], axis=1)
+    n = len(rows)
+    none = np.full((n, 3), np.nan)
+    zero = np.zeros(n)
+    gnss = GnssEpochs(times[rows] + 7 * 10**9, times[rows], zero, zero, zero, v, none, none)
+    assert receiver_ahead(stage.finish(), gnss) is None
