@@ -203,13 +203,14 @@ def process_many(
         Entry(log.name, log.path, row, page)
         for log, row, page in zip(logs, rows, pages, strict=True)
     ]
-    write_index(folder, entries, seconds)
     names = [str(log.path) for log in logs]
     status = many.finish(
         names, rows, batch, lambda: many.log_table(HEADER, logs, rows, _cells), f", in {folder}"
     )
     if not batch.quiet:
         click.echo(throughput(entries, seconds), err=True)
+    # The last, as a full disk must not hide what was done
+    write_index(folder, entries, seconds)
     return status
 
 
