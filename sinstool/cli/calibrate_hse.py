@@ -146,8 +146,10 @@ def _print(calibration: Calibration, output: Path, verbose: bool) -> None:
         places = places_of(file.sigma_lambda2_rad / ARCSEC)
         low, high = (f"{limit / ARCSEC:.{places}f}" for limit in file.ci95_lambda2_rad)
         interval = f", 95 % {low} to {high} arcsec"
+    logs = len(calibration.logs)
+    count = f"{logs} log" if logs == 1 else f"{logs} logs"
     rows = [
-        ("runs", f"{len(used)} of {len(file.runs)} in use, from {len(calibration.logs)} logs, at"
+        ("runs", f"{len(used)} of {len(file.runs)} in use, from {count}, at"
                  f" {', '.join(f'{r:g}' for r in rates)} deg/s"),
         ("misalignment lambda2", f"{lambda2} by {file.method}{interval}"),
         ("axial misalignment", f"{axial} by the gyro rate along the axis"),
@@ -237,6 +239,8 @@ def _plan(
         print_json({"plan": asdict(plan)})
         return 0
     sigma = ", ".join(_arcsec(s) for s in plan.sigma_run)
+    logs = len(calibration.logs)
+    count = f"{logs} log" if logs == 1 else f"{logs} logs"
     rows = [
         ("runs", f"{plan.n_runs} of {design.duration_s:g} s, {plan.total_s / 3600.0:.2f} h in all"),
         ("sigma of a heading", f"{sigma} at {', '.join(rates)} deg/s"),
