@@ -239,8 +239,6 @@ def _plan(
         print_json({"plan": asdict(plan)})
         return 0
     sigma = ", ".join(_arcsec(s) for s in plan.sigma_run)
-    logs = len(calibration.logs)
-    count = f"{logs} log" if logs == 1 else f"{logs} logs"
     rows = [
         ("runs", f"{plan.n_runs} of {design.duration_s:g} s, {plan.total_s / 3600.0:.2f} h in all"),
         ("sigma of a heading", f"{sigma} at {', '.join(rates)} deg/s"),
