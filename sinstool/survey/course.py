@@ -233,7 +233,9 @@ def course_findings(
         yield Finding(
             "course-gyro-sense",
             f"topic {topic}: {turned}the other way than the gyro about the vertical that the"
-            " accelerometer shows: the signs of one of the two are inverted",
+            " accelerometer shows: the signs of one of the two are inverted, and what is computed"
+            " from both is not to be trusted",
+            severity=Severity.LOST,
             answer="at rest an accelerometer reads +9.8 m/s^2 along the axis that points up, and a"
             " gyro is positive to the left about that axis: correct the driver, or convert the log",
             topic=topic,

@@ -84,7 +84,7 @@ def test_signs_that_do_not_belong_together(roads, gyro, accel):
         (finding,) = course_findings(
             windows(road, gyro, accel), epochs(road), InputOptions(), "/imu"
         )
-        assert finding.kind == "course-gyro-sense" and finding.severity == Severity.WARNING
+        assert finding.kind == "course-gyro-sense" and finding.severity == Severity.LOST
         assert finding.numbers["ratio"] == pytest.approx(-1.0, abs=0.2)
 
 
