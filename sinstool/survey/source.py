@@ -24,10 +24,9 @@ from sinstool.io.readers.streams import ImuUnits, first_fix
 from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu, optional_topics
 from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
-from sinstool.survey.clocks import clocks_apart
-from sinstool.survey.course import course_findings
+from sinstool.survey.clocks import against_gnss
 from sinstool.survey.even_stamps import EvenStamps, even_stamps
-from sinstool.survey.gnss import CONTRADICTS, LEFT_OUT, read_gnss
+from sinstool.survey.gnss import LEFT_OUT, read_gnss
 from sinstool.survey.imu import BLOCK_ROWS, Survey, Watcher, survey
 from sinstool.survey.magnetometer import magnetic_channels
 from sinstool.survey.oddities import oddities
@@ -136,7 +135,7 @@ def prepare(
         aiding = replace(aiding, barometer=barometer)
     if all_gnss and config.navigation.mode in ("auto", "ins-gnss"):
         aiding = _with_wheels(log, config, aiding, survey_.time_source == "log")
-    findings += [*aiding.findings, *_against_gnss(log, options, survey_, aiding)]
+    findings += [*aiding.findings, *against_gnss(log.path, options, survey_, aiding)]
     survey_, aiding, steady = _truly_at_rest(survey_, aiding)
     findings += steady
     position = _position(log, config, aiding)
@@ -160,27 +159,6 @@ def prepare(
     if long:
         give_back()
     return source
-
-
-def _against_gnss(
-    log: Log, options: InputOptions, survey_: Survey, aiding: AidingData
-) -> list[Finding]:
-    """Findings about the Imu and the receiver of which each alone seems right.
-
-    Raises
-    ------
-    DataError
-        GNSS shows that the Imu's data are in another unit.
-    """
-    findings = clocks_apart(survey_, aiding.gnss, aiding.fix_topic)
-    if any(f.kind == CONTRADICTS for f in aiding.findings):
-        return findings  # by a velocity that the fixes deny nothing is judged
-    for finding in course_findings(survey_.windows, aiding.gnss, options, survey_.topic):
-        if finding.severity == Severity.FAILED:
-            raise DataError(log.path, finding.text, finding.answer)
-        if all(f.kind != finding.kind for f in findings):
-            findings.append(finding)
-    return findings
 
 
 def lead_in_end(survey_: Survey) -> int:
