@@ -11,7 +11,6 @@ from click.shell_completion import CompletionItem
 from sinstool.config.logs import EMITS
 from sinstool.core.errors import one_line
 from sinstool.io.readers import message_types
-from sinstool.io.readers.topics import NONE
 from sinstool.methods.coning.registry import names
 
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
@@ -26,7 +25,8 @@ TOPIC_TYPES = {
     "magnetometer": (message_types.MAGNETIC_TYPE,),
     "encoder_topic": (message_types.JOINT_TYPE,),
 }
-# Those that may be left out
+# What leaves a topic out (io.readers.topics, which takes long to import), and which it leaves out
+NONE = "none"
 OPTIONAL_TOPICS = ("gnss_topic", "velocity_topic", "wheels", "baro_topic", "magnetometer")
 FILES = ("hse", "imu_noise", "report", "gyro_response")
 
