@@ -99,7 +99,7 @@ def find_start(
         if not alignment.north_referenced:
             if config.align.align == "auto":
                 raise AlignmentError(
-                    "the log does not show heading, and the filter needs it",
+                    "motion and GNSS do not show heading, and the filter needs it",
                     "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING, or, where"
                     " gyros measure the Earth's rotation at rest, use --align gyrocompass",
                 )
