@@ -257,7 +257,7 @@ def _mode(
         try:
             start = _filter_start(source, config)
         except (AlignmentError, TopicError) as exc:
-            why = str(exc)
+            why = str(exc).removeprefix(f"{source.path}: ")  # the finding is about that log
         else:
             reason = "as the log has GNSS fixes, and they show where it starts"
             return Choice("ins-gnss", reason, option), start, ()
