@@ -159,7 +159,7 @@ def _courses(gnss: GnssEpochs) -> tuple[IntArray, FloatArray]:
         rows = gnss.rows(_apart(gnss.time_ns, gnss.has_velocity))
         v = rows.velocity_n[:, :2]
         speed = np.hypot(v[:, 0], v[:, 1])
-        sigma = np.nan_to_num(np.nanmax(np.nan_to_num(rows.sigma_velocity_n[:, :2]), axis=1))
+        sigma = np.nan_to_num(rows.sigma_velocity_n[:, :2]).max(axis=1)
         moves = speed > np.maximum(SLOWEST, SIGMAS * sigma)
         return rows.time_ns[moves], np.arctan2(v[moves, 1], v[moves, 0])
     rows = gnss.rows(_apart(gnss.time_ns, gnss.has_position))
@@ -237,7 +237,8 @@ def course_findings(
             " from both is not to be trusted",
             severity=Severity.LOST,
             answer="at rest an accelerometer reads +9.8 m/s^2 along the axis that points up, and a"
-            " gyro is positive to the left about that axis: correct the driver, or convert the log",
+            " gyro is positive to the left about that axis: correct the driver, or convert the log,"
+            " unless the fixes have latitude and longitude exchanged",
             topic=topic,
             numbers=numbers,
         )

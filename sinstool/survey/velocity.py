@@ -152,8 +152,12 @@ def _likeness(
             continue
         angle = float(np.angle(factor)) / DEGREE
         if mirrored:
-            ned = abs(angle - 90.0) < 15.0
-            return f"its axes seem to be {'north, east, down' if ned else 'mirrored'}"
+            if abs(angle - 90.0) < 15.0:
+                return (
+                    "its axes seem to be north, east, down, or the fixes have latitude and"
+                    " longitude exchanged"
+                )
+            return "its axes seem to be mirrored"
         if abs(angle) < 15.0:
             return f"it is {1.0 / abs(factor):.2g} times as large as the fixes'"
         return f"its axes are turned by {angle:.0f} deg from east and north, as in a local frame"
