@@ -31,6 +31,9 @@ SHORTEST_M = 8.0
 # The course turned by this much in all, rad, in so many intervals; the gyro explains this share of
 # its squares; and the ratio of the two is that of an explanation but for this factor.
 LEAST_TURNED, LEAST_STEPS, LEAST_EXPLAINED, NEAR = 1.5, 10, 0.8, 1.4
+# Below this a ratio is that of a wrong scale: late fixes shorten turns, but less. A large one may be
+# of an aircraft, which in a steep bank turns less about its own axis.
+LEAST_RATIO = 0.65
 # Stamps of two clocks: turns as they are stamped explain at most this share, those at another time
 # within so many s, in steps of so many, at least that.
 MISFIT, FARTHEST_S, FINE_S, CLEAR = 0.5, 60.0, 0.5, 0.9
@@ -226,6 +229,16 @@ def course_findings(
             f"topic {topic}: {turned}{abs(ratio):.0f} times more than the gyro about the vertical:"
             " its rates are in rad/s",
             answer="leave out --gyro-unit",
+            topic=topic,
+            numbers=numbers,
+        )
+    elif evidence.explained > CLEAR and abs(ratio) < LEAST_RATIO:
+        yield Finding(
+            "course-gyro-scale",
+            f"topic {topic}: {turned}{abs(ratio):.2f} times as far as the gyro about the vertical:"
+            " rates are off by this factor",
+            answer="compare the scale of the rates, and the sampling rate that info shows, with the"
+            " data sheet",
             topic=topic,
             numbers=numbers,
         )

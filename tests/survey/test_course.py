@@ -88,6 +88,14 @@ def test_signs_that_do_not_belong_together(roads, gyro, accel):
         assert finding.numbers["ratio"] == pytest.approx(-1.0, abs=0.2)
 
 
+def test_a_driver_that_doubles_rates(roads):
+    for road in roads:
+        doubled = windows(road, 2.0 * np.eye(3))
+        (finding,) = course_findings(doubled, epochs(road), InputOptions(), "/imu")
+        assert finding.kind == "course-gyro-scale" and finding.severity == Severity.WARNING
+        assert finding.numbers["ratio"] == pytest.approx(0.5, abs=0.05)
+
+
 def test_a_sensor_on_its_head_is_no_contradiction(roads):
     for road in roads:
         assert not list(
