@@ -31,8 +31,8 @@ SHORTEST_M = 8.0
 # The course turned by this much in all, rad, in so many intervals; the gyro explains this share of
 # its squares; and the ratio of the two is that of an explanation but for this factor.
 LEAST_TURNED, LEAST_STEPS, LEAST_EXPLAINED, NEAR = 1.5, 10, 0.8, 1.4
-# Below this a ratio is that of a wrong scale: late fixes shorten turns, but less. A large one may be
-# of an aircraft, which in a steep bank turns less about its own axis.
+# Below this a ratio is that of a wrong scale: late fixes shorten turns, but less. A large one may
+# be that of an aircraft, which in a steep bank turns less about its own axis.
 LEAST_RATIO = 0.65
 # Stamps of two clocks: turns as they are stamped explain at most this share, those at another time
 # within so many s, in steps of so many, at least that.
