@@ -1,7 +1,8 @@
 """The logs that files, folders and patterns stand for, and the names of their outputs.
 
 A ROS 2 bag is a folder and one log; any other folder stands for those in it, be it one.
-What a file is, is decided by its first bytes, as when it is opened.
+What a file is, is decided by its first bytes, as when it is opened. A file with the name of a log
+whose bytes are none counts as one too, so that it is reported as failed.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from sinstool.core.errors import ConfigurationError, NotALogError, OutputError
 from sinstool.io.readers.formats import METADATA, kind_of
 
 OUTPUT_SUFFIX = ".mcap"
+# A file named so is meant as a log, whatever it holds.
+LOG_SUFFIXES = (".mcap", ".bag", ".db3", ".ulg")
 _PART = re.compile(r"(?P<stem>.+)_(?P<number>\d+)\.(db3|mcap)(\.zstd)?")
 _MAGIC = re.compile(r"[*?[]")
 
@@ -230,7 +233,7 @@ def _is_log(path: Path) -> bool:
         return False
     try:
         with path.open("rb") as stream:
-            return kind_of(stream)[0] != ""
+            return kind_of(stream)[0] != "" or path.suffix.lower() in LOG_SUFFIXES
     except OSError:
         # Listed all the same: whoever opens it says what is wrong.
         return True

@@ -146,8 +146,10 @@ def _print(calibration: Calibration, output: Path, verbose: bool) -> None:
         places = places_of(file.sigma_lambda2_rad / ARCSEC)
         low, high = (f"{limit / ARCSEC:.{places}f}" for limit in file.ci95_lambda2_rad)
         interval = f", 95 % {low} to {high} arcsec"
+    logs = len(calibration.logs)
+    count = f"{logs} log" if logs == 1 else f"{logs} logs"
     rows = [
-        ("runs", f"{len(used)} of {len(file.runs)} in use, from {len(calibration.logs)} logs, at"
+        ("runs", f"{len(used)} of {len(file.runs)} in use, from {count}, at"
                  f" {', '.join(f'{r:g}' for r in rates)} deg/s"),
         ("misalignment lambda2", f"{lambda2} by {file.method}{interval}"),
         ("axial misalignment", f"{axial} by the gyro rate along the axis"),

@@ -22,8 +22,12 @@ TOPIC_TYPES = {
     "velocity_topic": message_types.VELOCITY_TYPES,
     "wheels": (message_types.JOINT_TYPE, *message_types.VELOCITY_TYPES),
     "baro_topic": (message_types.PRESSURE_TYPE, *message_types.HEIGHT_TYPES),
+    "magnetometer": (message_types.MAGNETIC_TYPE,),
     "encoder_topic": (message_types.JOINT_TYPE,),
 }
+# What leaves a topic out (io.readers.topics, which takes long to import), and which it leaves out
+NONE = "none"
+OPTIONAL_TOPICS = ("gnss_topic", "velocity_topic", "wheels", "baro_topic", "magnetometer")
 FILES = ("hse", "imu_noise", "report", "gyro_response")
 
 
@@ -42,7 +46,7 @@ def completion(name: str) -> Complete | None:
     if name == "emit":
         return word_list(*EMITS)
     if name in TOPIC_TYPES:
-        return _topics(TOPIC_TYPES[name])
+        return _topics(TOPIC_TYPES[name], (NONE,) if name in OPTIONAL_TOPICS else ())
     # Files the shell knows itself.
     return (lambda _, __, begun: [CompletionItem(begun, type="file")]) if name in FILES else None
 
@@ -61,19 +65,19 @@ def word_list(*words: str) -> Complete:
     return complete
 
 
-def _topics(types: tuple[str, ...]) -> Complete:
+def _topics(types: tuple[str, ...], words: tuple[str, ...]) -> Complete:
+    """Completion of a topic: those of the log that is named already, and words besides."""
+
     def complete(context: click.Context, _: click.Parameter, begun: str) -> list[CompletionItem]:
         typed = context.params.get("log") or context.params.get("logs") or ()
         logs = typed if isinstance(typed, tuple) else (typed,)
         # An option without its value yet ends click's parsing before it knows what LOG is.
         paths = [path for word in (*logs, *context.args) if (path := Path(word)).is_file()]
-        if not paths:
-            return []
         try:
-            offered = topics(paths[0], types)
+            offered = topics(paths[0], types) if paths else []
         except Exception:  # a log that cannot be read: the command itself will say so
-            return []
-        return [CompletionItem(topic) for topic in offered if topic.startswith(begun)]
+            offered = []
+        return [CompletionItem(word) for word in (*offered, *words) if word.startswith(begun)]
 
     return complete
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import click
 
 from sinstool.cli.console import Choice
+from sinstool.cli.help import Command
 
 VARIABLE = "_SINSTOOL_COMPLETE"
 
 
-@click.command("completion")
+@click.command("completion", cls=Command)
 @click.argument("shell", type=Choice(["bash", "zsh", "fish"]))
 def command(shell: str) -> None:
     """Print the completion script of SHELL.

@@ -7,6 +7,7 @@ import re
 
 import click
 
+from sinstool.cli.help import Command
 from sinstool.core import conventions
 
 
@@ -25,7 +26,7 @@ def sections() -> list[tuple[str, str]]:
     return [(title, inspect.cleandoc(body)) for title, body in matches if body.startswith("    ")]
 
 
-@click.command("conventions")
+@click.command("conventions", cls=Command)
 def command() -> None:
     """Frames, axes, quaternions, units, gravity and time, as they are everywhere in sinstool."""
     for title, text in sections():

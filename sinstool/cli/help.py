@@ -62,24 +62,24 @@ class Command(click.Command):
     def __init__(self, *args: Any, first: Sequence[str] = (), **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.first = tuple(first)
-        if self.long:
-            text = f"show all {len(self.params) + 2} options"
-            self.params.append(
-                click.Option(
-                    ["--help-all"],
-                    is_flag=True,
-                    is_eager=True,
-                    expose_value=False,
-                    callback=_show_all,
-                    help=text,
-                )
+        # Where --help shows all there is --help-all does the same
+        self.params.append(
+            click.Option(
+                ["--help-all"],
+                is_flag=True,
+                is_eager=True,
+                expose_value=False,
+                hidden=not self.long,
+                callback=_show_all,
+                help=f"show all {len(self.params) + 2} options",
             )
+        )
 
     @property
     def long(self) -> bool:
         """Whether the help needs a short form: more options than fit a screen."""
         chosen = any(isinstance(o, Option) and o.brief is not None for o in self.params)
-        return chosen and len(self.params) > FEW
+        return chosen and sum(p.name != "help_all" for p in self.params) > FEW
 
     def sections(self, ctx: click.Context) -> dict[str, list[click.Option]]:
         """Its options by heading, in the order in which they are shown."""

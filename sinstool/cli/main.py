@@ -85,7 +85,7 @@ class LazyGroup(Group):
 def cli() -> None:
     """Turn recorded IMU logs into attitude, velocity and position.
 
-    Reads MCAP, ROS 1 bags and ROS 2 bags; writes MCAP. See sinstool COMMAND --help.
+    Reads MCAP, ROS 1 bags, ROS 2 bags and PX4's ULog; writes MCAP. See sinstool COMMAND --help.
     """
 
 

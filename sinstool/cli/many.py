@@ -408,7 +408,8 @@ def finish(
     if not batch.quiet:
         words = sorted(row["status"] for row in rows)
         counted = [f"{words.count(word)} {word}" for word in dict.fromkeys(words)]
-        click.echo(f"{len(rows)} logs: {', '.join(counted)}{where}", err=batch.as_json)
+        logs = "log" if len(rows) == 1 else "logs"
+        click.echo(f"{len(rows)} {logs}: {', '.join(counted)}{where}", err=batch.as_json)
     codes = {row["exit"] for row in rows}
     if codes - {0, 3}:
         return 1

@@ -53,8 +53,9 @@ def command(
 ) -> int:
     """Compute attitude, velocity and position from the IMU in LOG, and write them as MCAP.
 
-    LOG is an MCAP file, a ROS 1 bag, a ROS 2 bag directory or a .db3 file. Several LOGs, a folder
-    or a quoted pattern are processed one by one into the folder OUTPUT; complete outputs are kept.
+    LOG is an MCAP file, a ROS 1 bag, a ROS 2 bag directory, a .db3 file or a ULog. Several LOGs, a
+    folder or a quoted pattern are processed one by one into the folder OUTPUT; complete outputs are
+    kept.
 
     \b
       sinstool process flight.mcap -o flight.attitude.mcap --report flight.html
@@ -202,13 +203,14 @@ def process_many(
         Entry(log.name, log.path, row, page)
         for log, row, page in zip(logs, rows, pages, strict=True)
     ]
-    write_index(folder, entries, seconds)
     names = [str(log.path) for log in logs]
     status = many.finish(
         names, rows, batch, lambda: many.log_table(HEADER, logs, rows, _cells), f", in {folder}"
     )
     if not batch.quiet:
         click.echo(throughput(entries, seconds), err=True)
+    # The last, as a full disk must not hide what was done
+    write_index(folder, entries, seconds)
     return status
 
 

@@ -17,6 +17,20 @@ from sinstool.cli.options import config_options, effective, path_option, print_c
 from sinstool.core.options import Group as Options
 from sinstool.simulation.scenarios import SCENARIOS, HseRig, Scenario
 
+# A line of the list of scenarios, which has no room for a whole sentence
+BRIEF = {
+    "coning": "Classical coning, exact for any angle.",
+    "coning-paper": "The published coning experiment.",
+    "two-frequency": "Two conings at once, which alias.",
+    "broadband": "Coning at all frequencies of a band.",
+    "manoeuvre": "Random rotation about all three axes.",
+    "static": "At rest on the rotating Earth.",
+    "spiral-climb": "The published flight with baro and GNSS.",
+    "manoeuvring-flight": "A turbulent flight with baro and GNSS.",
+    "drive": "A car with stops, turns, GNSS and wheels.",
+    "launch": "A launched vehicle with GNSS.",
+    "hse-rig": "A rate-biased system on its turntable.",
+}
 # Digits of the seed in a name, so that names are in the order of seeds
 DIGITS = 4
 
@@ -29,14 +43,25 @@ class Scenarios(Group):
 
 @click.group("simulate", cls=Scenarios)
 def command() -> None:
-    """Simulate a log with exact truth: /imu/data_raw with /truth/imu and /truth/odometry."""
+    """Simulate a log with exact truth: /imu/data_raw with /truth/imu and /truth/odometry.
+
+    \b
+      sinstool simulate drive -o drive.mcap --grade mems
+      sinstool simulate drive --help    its options
+    """
 
 
 def _scenario_command(name: str, kind: type[Scenario]) -> click.Command:
     # A file has the options of a scenario in its table [simulate].
     model = create_model("Simulation", __base__=Options, simulate=(kind, kind()))
 
-    @click.command(name, cls=Command, first=("output",), help=inspect.getdoc(kind))
+    @click.command(
+        name,
+        cls=Command,
+        first=("output",),
+        help=inspect.getdoc(kind),
+        short_help=BRIEF[name],
+    )
     @path_option("-o", "--output", text="MCAP file to write; a folder for many logs")
     @config_options("simulate", model=model)
     @click.option(

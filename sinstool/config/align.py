@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from sinstool.core.errors import ConfigurationError
@@ -128,7 +129,8 @@ class InFlightOptions(Group):
     )
     at: str = option(
         "end",
-        "time of the attitude: the end or the start of alignment, or seconds from the log's start",
+        "time of the attitude of an alignment in motion: its end or its start, or seconds from the"
+        " log's start; at rest, seconds within the rest at the beginning",
         "end|start|S",
     )
     lift_off: float | None = option(
@@ -192,8 +194,8 @@ class InFlightOptions(Group):
             raise ConfigurationError("--align-end is not after --align-start")
         if self.at not in ("end", "start"):
             try:
-                float(self.at)
+                seconds = float(self.at)
             except ValueError:
-                raise ConfigurationError(
-                    f"--at {self.at}: not end, start or a number of seconds"
-                ) from None
+                seconds = math.nan
+            if not math.isfinite(seconds):
+                raise ConfigurationError(f"--at {self.at}: not end, start or a number of seconds")

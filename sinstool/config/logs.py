@@ -28,7 +28,12 @@ IMU_INPUT = (
     "input.max_gap",
     "input.salvage",
 )
-GNSS_INPUT = ("input.gnss_topic", "input.velocity_topic", "input.gnss_unit")
+GNSS_INPUT = (
+    "input.gnss_topic",
+    "input.velocity_topic",
+    "input.gnss_unit",
+    "input.gnss_clock_offset",
+)
 RIG_INPUT = (
     "input.imu_topic",
     "input.encoder_topic",
@@ -102,7 +107,8 @@ class InputOptions(Group):
     )
     gnss_topic: str | None = option(
         None,
-        "topic with NavSatFix messages, or none (default: the best one in the log)",
+        "topic with NavSatFix messages, or none, which also leaves out the receiver's velocity"
+        " unless --velocity-topic names it (default: the best one in the log)",
         "TOPIC",
     )
     velocity_topic: str | None = option(
@@ -131,6 +137,13 @@ class InputOptions(Group):
     )
     gnss_unit: Literal["deg", "rad"] | None = option(
         None, "unit of latitude and longitude (default: deg; refused if the data contradicts it)"
+    )
+    gnss_clock_offset: float = option(
+        0.0,
+        "how far the receiver's clock is ahead of the IMU's, in s: its stamps are read as so much"
+        " earlier (GPS time is 18 s ahead of UTC)",
+        "S",
+        allow_inf_nan=False,
     )
     encoder_topic: str | None = option(
         None, "topic with JointState messages from the turntable's encoder", "TOPIC"

@@ -8,7 +8,7 @@ is not made again.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,8 @@ from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.finding import Finding
 from sinstool.core.memory import give_back
+from sinstool.core.options import span
+from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -32,6 +34,10 @@ from sinstool.survey.source import Source, has_gnss
 if TYPE_CHECKING:
     from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 
+# The finding about a log with fixes that no filter can start from.
+NO_INS_GNSS = "no-ins-gnss"
+NO_SOLUTION = "attitude alone, as no INS/GNSS solution can be started: "
+NO_NORTH = "nothing shows north"
 # A log that is shorter holds nothing to smooth.
 SHORTEST_S = 3.0
 LABELS = {"imu_topic": "Imu topic", "imu_grade": "IMU grade", "imu_noise": "IMU noise"}
@@ -166,6 +172,9 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     algorithm = choose_algorithm(source, config)
     attitude = _attitude(source, config, mode.value, grade.grade)
     magnetic, doubts = _magnetometer(source, config, attitude, alignment)
+    if magnetic.topic:
+        reason = first.reason.replace(NO_NORTH, "only the magnetometer shows north")
+        first = replace(first, reason=reason)
     plan = Plan(
         imu_topic=Choice(source.imu_topic.topic, source.imu_topic.reason, "--imu-topic"),
         mode=mode,
@@ -180,7 +189,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
         wheels=_wheels(source, mode.value),
         vehicle=_vehicle(config, mode.value),
         _algorithm=algorithm,
-        _findings=(*findings, *doubts, *_unused(config, mode)),
+        _findings=(*findings, *doubts, *_unused(config, mode), *_not_withheld(source, config)),
         _alignment=alignment,
         _filter_start=filter_start,
         _magnetic=magnetic if magnetic.topic else None,
@@ -248,14 +257,14 @@ def _mode(
         try:
             start = _filter_start(source, config)
         except (AlignmentError, TopicError) as exc:
-            why = str(exc)
+            why = str(exc).removeprefix(f"{source.path}: ")  # the finding is about that log
         else:
             reason = "as the log has GNSS fixes, and they show where it starts"
             return Choice("ins-gnss", reason, option), start, ()
         give_back()
-    text = f"attitude alone, as no INS/GNSS solution can be started: {why}"
+    text = f"{NO_SOLUTION}{why}"
     reason = "as no INS/GNSS solution can be started"
-    return Choice("attitude", reason, option), None, (Finding("no-ins-gnss", text),)
+    return Choice("attitude", reason, option), None, (Finding(NO_INS_GNSS, text),)
 
 
 def _unused(config: ProcessConfig, mode: Choice) -> tuple[Finding, ...]:
@@ -272,6 +281,21 @@ def _unused(config: ProcessConfig, mode: Choice) -> tuple[Finding, ...]:
             answer=f"--mode {modes} would use {'it' if len(unused) == 1 else 'them'}",
         ),
     )
+
+
+def _not_withheld(source: Source, config: ProcessConfig) -> list[Finding]:
+    """Spans of ``--withhold-gnss`` in which there is no fix that could be withheld."""
+    gnss, first_ns = source.aiding.gnss, source.survey.first_ns
+    findings = []
+    for text in config.filter.withhold_gnss:
+        begin, end = span(text)
+        if gnss is not None:
+            seconds = (gnss.time_ns - first_ns) / SECOND
+            if ((seconds >= begin) & (seconds < end)).any():
+                continue
+        said = f"--withhold-gnss {text} withholds nothing, as the log has no fix there"
+        findings.append(Finding("nothing-withheld", said))
+    return findings
 
 
 def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) -> Choice:
@@ -303,8 +327,8 @@ def _imu_noise(source: Source, config: ProcessConfig) -> Choice:
         walks = random_walks(source)
         reason = "as no noise file is given"
         if config.navigation.imu_grade == "auto" and walks is not None:
-            shown = f"{walks[1] / MICRO_G:.2g} ug/sqrt(Hz)"
-            reason += f"; where the accelerometer's at rest, {shown}, is more, a filter takes that"
+            shown = f"{walks[1] / MICRO_G:.3g} ug/sqrt(Hz)"
+            reason += f"; a filter uses the accelerometer's at rest, {shown}, if that is more"
         return Choice("of the grade", reason, option)
     walk, reason = walk_in(measured), "as configured: measured at rest"
     if walk is not None:
@@ -334,6 +358,8 @@ def _magnetometer(
 ) -> tuple[MagneticTopic, tuple[Finding, ...]]:
     """The magnetometer that shows a smoothed attitude its heading, and why none does."""
     name = config.navigation.magnetometer
+    if attitude.value == "filtered":
+        return MagneticTopic("", "as GNSS shows the heading"), ()
     if attitude.value != "smoothed":
         return MagneticTopic("", f"as the attitude is {attitude.value}"), ()
     # An orientation of the log that comes without a sigma may count from anywhere
@@ -366,7 +392,9 @@ def _first_attitude(
     option, method = "--align", config.align.align
     if alignment is None:
         assert filter_start is not None
-        return Choice("svd" if method == "auto" else method, filter_start.how, option)
+        chosen = "svd" if method == "auto" else method
+        how = filter_start.how.removeprefix(f"attitude by {chosen}").strip(" ;")
+        return Choice(chosen, how or "as configured", option)
     if method != "auto":
         return Choice(alignment.method, "as configured", option)
     return Choice(alignment.method, _why(alignment, source), option)
@@ -379,10 +407,10 @@ def _why(alignment: Alignment, source: Source) -> str:
     if alignment.method == "gyrocompass":
         return f"as {rest}, the latitude is known and the gyros see the Earth's rotation"
     if alignment.method in IN_FLIGHT:
-        shown = "heading" if alignment.north_referenced else "tilt, and nothing shows north"
+        shown = "heading" if alignment.north_referenced else f"tilt, and {NO_NORTH}"
         return f"as motion and GNSS velocity show {shown}"
     if rest:
-        return f"as {rest} and nothing shows north"
+        return f"as {rest} and {NO_NORTH}"
     if alignment.method == "log":
         return "as the log does not begin at rest and its Imu topic holds orientations"
     return "as the log neither begins at rest nor holds orientations: tilt from its first second"
@@ -416,4 +444,4 @@ def _vehicle(config: ProcessConfig, mode: str) -> Choice:
         return Choice("none", "as --feedback is none", option)
     if configured != "auto":
         return Choice(configured, "as configured", option)
-    return Choice("auto", "as a first run without constraints will show", option)
+    return Choice("auto", "which a first run without constraints decides", option)

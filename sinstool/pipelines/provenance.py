@@ -119,7 +119,7 @@ def require_same(path: Path, log: Path, config: ProcessConfig) -> dict[str, str]
     hint = "choose another -o, or replace it with --overwrite"
     if record is None or "input_sha256" not in record:
         raise OutputError(f"{path} exists and is no complete output of sinstool process", hint)
-    here = identity(config)
+    here = identity(_as_made(config, record))
     if record.get("version") != here["version"]:
         raise OutputError(
             f"{path} was made by sinstool {record.get('version')}, this is {here['version']}", hint
@@ -131,6 +131,21 @@ def require_same(path: Path, log: Path, config: ProcessConfig) -> dict[str, str]
     if record.get("input_size") != str(path_size(log)) or record["input_sha256"] != sha256(log):
         raise OutputError(f"{path} was made of another log than {log} is now", hint)
     return record
+
+
+def _as_made(config: ProcessConfig, record: Mapping[str, str]) -> ProcessConfig:
+    """A configuration with the ``--salvage`` of an output, where it made no difference to it.
+
+    Without the option a damaged log is refused, so an output made so is of a whole log; with it,
+    one from which nothing was lost.
+    """
+    salvage = not config.input.salvage
+    if salvage and record.get("status") != "done":
+        return config
+    other = config.model_copy(
+        update={"input": config.input.model_copy(update={"salvage": salvage})}
+    )
+    return other if identity(other)["config"] == record.get("config") else config
 
 
 def _difference(there: str, here: str) -> str:

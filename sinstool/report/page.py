@@ -52,8 +52,8 @@ def check_report(
         borrowed("matplotlib.figure")
     elif suffix not in PAGES:
         raise ConfigurationError(
-            f"a report is no {suffix or 'file without suffix'}",
-            f"one of {', '.join((PAGES[0], *FORMATS))}",
+            f"the report {path} has {f'the suffix {suffix}' if suffix else 'no suffix'}",
+            f"use one of {', '.join((PAGES[0], *FORMATS))}",
         )
     check_output(path, list(inputs), overwrite)
 

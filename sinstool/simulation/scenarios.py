@@ -18,19 +18,19 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 def _duration(seconds: float) -> Any:
-    return option(seconds, "seconds", "S", gt=0, le=MAX_DURATION_S)
+    return option(seconds, "length of the log in s", "S", gt=0, le=MAX_DURATION_S)
 
 
 def _rate(hertz: float) -> Any:
-    return option(hertz, "samples/s, Hz", "HZ", gt=0, le=MAX_RATE_HZ)
+    return option(hertz, "samples per second", "HZ", gt=0, le=MAX_RATE_HZ)
 
 
 def _latitude(degrees: float) -> Any:
-    return option(degrees, "degrees", "DEG", ge=-90, le=90)
+    return option(degrees, "latitude in degrees", "DEG", ge=-90, le=90)
 
 
 def _longitude(degrees: float) -> Any:
-    return option(degrees, "degrees", "DEG", ge=-180, le=180)
+    return option(degrees, "longitude in degrees", "DEG", ge=-180, le=180)
 
 
 class Scenario(Group):
@@ -39,8 +39,8 @@ class Scenario(Group):
     title = "Scenario"
 
     rate: float = _rate(400.0)
-    seed: int = option(0, "of the errors", "N", ge=0)
-    truth: bool = option(True, "write /truth/... beside the sensors")
+    seed: int = option(0, "seed of the random errors", "N", ge=0)
+    truth: bool = option(True, "write the truth to /truth/... (default: yes)")
 
 
 class MotionScenario(Scenario):
@@ -48,12 +48,14 @@ class MotionScenario(Scenario):
 
     duration: float = _duration(60.0)
     gyro_kind: Literal["rate", "mean-rate", "increment"] = option(
-        "rate", "contents of the Imu topic"
+        "rate", "what a gyro sample of the Imu topic is"
     )
     body_axes: Literal["flu", "frd"] = option(
         "flu", "axes of the Imu topic; the truth's world is ENU for flu, NED for frd"
     )
-    grade: Literal["perfect", "navigation", "tactical", "mems"] = option("perfect", "sensor errors")
+    grade: Literal["perfect", "navigation", "tactical", "mems"] = option(
+        "perfect", "grade of the sensors, which sets their errors"
+    )
 
     def check(self) -> None:
         """There is an interval between samples."""
@@ -64,9 +66,11 @@ class MotionScenario(Scenario):
 class Coning(MotionScenario):
     """Classical coning, exact for any angle, after an optional rest; the Earth does not turn."""
 
-    half_angle_deg: float = option(1.0, "of the cone", "DEG", gt=0, lt=90)
-    frequency: float = option(10.0, "turns/s, Hz", "HZ", ge=-MAX_RATE_HZ, le=MAX_RATE_HZ)
-    lead_in: float = option(0.0, "rest before it, s", "S", ge=0, le=MAX_DURATION_S)
+    half_angle_deg: float = option(1.0, "half angle of the cone in degrees", "DEG", gt=0, lt=90)
+    frequency: float = option(
+        10.0, "turns of the cone per second", "HZ", ge=-MAX_RATE_HZ, le=MAX_RATE_HZ
+    )
+    lead_in: float = option(0.0, "rest before the coning, in s", "S", ge=0, le=MAX_DURATION_S)
 
 
 class ConingPaper(MotionScenario):
@@ -75,20 +79,27 @@ class ConingPaper(MotionScenario):
     The truth is the cone. The gyro has the noise; further errors come with --grade.
     """
 
-    noise_frequency: float = option(400.0, "Hz", "HZ", ge=0, le=MAX_RATE_HZ)
+    noise_frequency: float = option(400.0, "frequency of the noise", "HZ", ge=0, le=MAX_RATE_HZ)
     noise_deg: float = option(
-        0.01, "amplitude of the noise as an angle, before the gyro's filter", "DEG", ge=0, lt=90
+        0.01,
+        "amplitude of the noise as an angle in degrees, before the gyro's filter",
+        "DEG",
+        ge=0,
+        lt=90,
     )
     phase: Literal["consistent", "literal"] = option(
         "consistent", "the paper's eq. 20 as its motion demands, or to the letter"
     )
     gyro_response: str = option(
         "cheb:6",
-        "none, cheb:N[,ripple dB,Hz], butter:N[,Hz], or a file with lines of Hz,gain",
+        "low-pass filter of the gyro: none, cheb:N[,ripple dB,Hz], butter:N[,Hz], or a file with"
+        " lines of Hz,gain",
         "RESPONSE",
     )
-    half_angle_deg: float = option(0.1, "of the cone", "DEG", gt=0, lt=90)
-    frequency: float = option(30.0, "turns/s, Hz", "HZ", ge=-MAX_RATE_HZ, le=MAX_RATE_HZ)
+    half_angle_deg: float = option(0.1, "half angle of the cone in degrees", "DEG", gt=0, lt=90)
+    frequency: float = option(
+        30.0, "turns of the cone per second", "HZ", ge=-MAX_RATE_HZ, le=MAX_RATE_HZ
+    )
 
 
 class Static(MotionScenario):
@@ -96,43 +107,51 @@ class Static(MotionScenario):
 
     latitude: float = _latitude(45.0)
     longitude: float = _longitude(0.0)
-    height: float = option(0.0, "metres, ellipsoidal", "M")
+    height: float = option(0.0, "height above the ellipsoid in m", "M")
     attitude: tuple[float, float, float] = option(
-        (0.0, 0.0, 0.0), "degrees, FRD in NED", "ROLL,PITCH,HEADING"
+        (0.0, 0.0, 0.0), "attitude in degrees, FRD axes in NED", "ROLL,PITCH,HEADING"
     )
 
 
 class TwoFrequency(MotionScenario):
     """Two conings at once; where their frequencies differ by an update rate, they fold."""
 
-    half_angles_deg: tuple[Positive, Positive] = option((0.1, 0.1), "of the cones", "A,B")
-    frequencies: tuple[Positive, Positive] = option((30.0, 130.0), "of the cones", "HZ,HZ")
+    half_angles_deg: tuple[Positive, Positive] = option(
+        (0.1, 0.1), "half angles of the cones in degrees", "A,B"
+    )
+    frequencies: tuple[Positive, Positive] = option(
+        (30.0, 130.0), "frequencies of the cones", "HZ,HZ"
+    )
 
 
 class Broadband(MotionScenario):
-    """Vibration with coning at every frequency of a band, above half the rate too if you like."""
+    """Vibration with coning at every frequency of a band, also beyond half the sampling rate."""
 
-    angle_deg: float = option(0.05, "rms on x and on y", "DEG", gt=0)
-    band: tuple[Positive, Positive] = option((20.0, 150.0), "of the vibration", "HZ,HZ")
+    angle_deg: float = option(0.05, "angle on x and on y, rms in degrees", "DEG", gt=0)
+    band: tuple[Positive, Positive] = option(
+        (20.0, 150.0), "lowest and highest frequency of the vibration", "HZ,HZ"
+    )
 
 
 class Manoeuvre(MotionScenario):
     """Random rotation about all three axes."""
 
-    rate_rms_deg_s: float = option(60.0, "of the motion", "DEG/S", gt=0)
-    band: tuple[Positive, Positive] = option((0.1, 1.0), "of the motion", "HZ,HZ")
+    rate_rms_deg_s: float = option(60.0, "rms of the angular rate", "DEG/S", gt=0)
+    band: tuple[Positive, Positive] = option(
+        (0.1, 1.0), "lowest and highest frequency of the motion", "HZ,HZ"
+    )
 
 
 def _receiver(model: str) -> Any:
     return option(
         model,
-        "errors; launch: 0.1 m/s and 1 m white, 4.9 m Markov of 60 s; coloured: Markov in position"
-        " (5/5/8 m, 200 s) and velocity (0.1/0.1/0.15 m/s, 60 s) beside white noise",
+        "errors of the fixes. launch: 0.1 m/s and 1 m white, 4.9 m Markov of 60 s. coloured: Markov"
+        " in position (5/5/8 m, 200 s) and velocity (0.1/0.1/0.15 m/s, 60 s) beside white noise",
     )
 
 
 def _per_second(rate: float, what: str) -> Any:
-    return option(rate, f"{what}/s, Hz; 0 for none", "HZ", ge=0)
+    return option(rate, f"{what} per second; 0: none", "HZ", ge=0)
 
 
 class Vehicle(MotionScenario):
@@ -140,33 +159,37 @@ class Vehicle(MotionScenario):
 
     latitude: float = _latitude(34.25)
     longitude: float = _longitude(108.9)
-    height: float = option(400.0, "metres, ellipsoidal", "M")
-    heading: float = option(0.0, "at the start, degrees", "DEG")
+    height: float = option(400.0, "height above the ellipsoid in m", "M")
+    heading: float = option(0.0, "heading at the start in degrees", "DEG")
     gnss_rate: float = _per_second(1.0, "fixes")
     gnss_model: Literal["perfect", "launch", "coloured"] = _receiver("coloured")
-    gnss_latency: float = option(0.0, "by which a fix is older than its stamp, s", "S")
-    gnss_offset: float = option(0.0, "of the first fix from the first Imu sample, s", "S")
+    gnss_latency: float = option(0.0, "how much older a fix is than its stamp, in s", "S")
+    gnss_offset: float = option(0.0, "time from the first Imu sample to the first fix, in s", "S")
     lever_arm: tuple[float, float, float] = option(
-        (0.0, 0.0, 0.0), "from the Imu to the antenna, m, FRD", "X,Y,Z"
+        (0.0, 0.0, 0.0), "from the Imu to the antenna, in m, FRD", "X,Y,Z"
     )
     gnss_outage: tuple[str, ...] = option(
-        (), "no fixes there, s from the start; repeatable", "START:END"
+        (), "span without fixes, in s from the start; repeatable", "START:END"
     )
     outages: tuple[Positive, Positive] | None = option(
-        None, "no fixes for LENGTH s each EVERY s, the first after EVERY s", "LENGTH,EVERY"
+        None, "no fixes for LENGTH s in every EVERY s, the first after EVERY s", "LENGTH,EVERY"
     )
-    gnss_flat: tuple[str, ...] = option((), "fixes without height there; repeatable", "START:END")
+    gnss_flat: tuple[str, ...] = option(
+        (), "span in which fixes have no height; repeatable", "START:END"
+    )
     gnss_outliers: float = option(
-        0.0, "share of fixes that are 100 m and 20 m/s off", "X", ge=0, le=1
+        0.0, "fraction of the fixes that are off by 100 m and 20 m/s", "X", ge=0, le=1
     )
     gnss_jump: tuple[str, ...] = option(
-        (), "position 100 m off to the north there; repeatable", "START:END"
+        (), "span in which positions are off by 100 m to the north; repeatable", "START:END"
     )
-    velocity: bool = option(True, "write the receiver's velocity too")
+    velocity: bool = option(True, "write the receiver's velocity too (default: yes)")
     baro_rate: float = _per_second(10.0, "pressures")
-    baro_sigma: float = option(10.0, "of the barometer's error, first-order Markov, m", "M", ge=0)
-    baro_time: float = option(500.0, "its correlation time, s", "S", gt=0)
-    baro_white: float = option(0.0, "white noise of the barometer, m", "M", ge=0)
+    baro_sigma: float = option(
+        10.0, "error of the barometer in m, 1 sigma, first-order Markov", "M", ge=0
+    )
+    baro_time: float = option(500.0, "correlation time of the barometer's error in s", "S", gt=0)
+    baro_white: float = option(0.0, "white noise of the barometer in m, 1 sigma", "M", ge=0)
 
     @field_validator("gnss_outage", "gnss_flat", "gnss_jump")
     @classmethod
@@ -189,8 +212,8 @@ class ManoeuvringFlight(Vehicle):
 
     duration: float = _duration(1800.0)
     rate: float = _rate(100.0)
-    height: float = option(1500.0, "metres, ellipsoidal", "M")
-    turbulence: float = option(1.0, "factor of its angles", "X", ge=0)
+    height: float = option(1500.0, "height above the ellipsoid in m", "M")
+    turbulence: float = option(1.0, "factor on the angles of the turbulence", "X", ge=0)
 
 
 class Car(Group):
@@ -198,19 +221,19 @@ class Car(Group):
 
     mount: tuple[float, float, float] = option(
         (0.0, 0.0, 0.0),
-        "the Imu's attitude in the vehicle, degrees; FRD axes, turned by yaw, pitch, roll",
+        "attitude of the Imu in the vehicle, in degrees: FRD axes, turned by yaw, pitch, roll",
         "ROLL,PITCH,YAW",
     )
     axle_lever: float = option(
-        0.0, "of the Imu ahead of the rear axle, which is what follows the road, m", "M"
+        0.0, "how far the Imu is ahead of the rear axle, which follows the road, in m", "M"
     )
     sideslip: float = option(
         0.0, "angle of slip outward for each m/s^2 of centripetal acceleration", "RAD/(M/S^2)"
     )
-    slip: float = option(0.0, "slow random slip of the axle, standard deviation, m/s", "M/S", ge=0)
-    slip_time: float = option(3.0, "its correlation time, s", "S", gt=0)
+    slip: float = option(0.0, "slow random slip of the axle in m/s, 1 sigma", "M/S", ge=0)
+    slip_time: float = option(3.0, "correlation time of the slip in s", "S", gt=0)
     suspension: float = option(
-        1.0, "factor of the body's motion on its springs; 0: body and axle are one", "X", ge=0
+        1.0, "factor on the body's motion on its springs; 0: body and axle are one", "X", ge=0
     )
     idle: tuple[float, float] = option(
         (0.0, 0.0),
@@ -226,17 +249,24 @@ class Car(Group):
         "none",
         "write wheel speeds: Odometry, TwistStamped, or JointState of two rear wheels, rad/s",
     )
-    wheel_rate: float = option(20.0, "of the wheels, readings/s, Hz", "HZ", gt=0, le=MAX_RATE_HZ)
-    wheel_radius: float = option(0.31, "of the wheels of --wheels joint, m", "M", gt=0)
-    wheel_scale: float = option(0.0, "by which wheels read too high, per cent", "PERCENT", gt=-100)
+    wheel_rate: float = option(
+        20.0, "readings of the wheels per second", "HZ", gt=0, le=MAX_RATE_HZ
+    )
+    wheel_radius: float = option(0.31, "radius of the wheels of --wheels joint, in m", "M", gt=0)
+    wheel_scale: float = option(
+        0.0, "by how many per cent the wheels read too high", "PERCENT", gt=-100
+    )
     wheel_latency: float = option(
-        0.0, "by which wheels are older than their stamps, s", "S", ge=0, le=10
+        0.0, "how much older readings of the wheels are than their stamps, in s", "S", ge=0, le=10
     )
     wheel_slip: float = option(
-        0.0, "of wheels, per cent of speed for each m/s^2 beyond 1.2 m/s^2", "PERCENT", ge=0
+        0.0,
+        "slip of the wheels, in per cent of speed for each m/s^2 beyond 1.2 m/s^2",
+        "PERCENT",
+        ge=0,
     )
-    wheel_slipping: Literal["both", "left"] = option("both", "which of the wheels slip so")
-    wheel_noise: float = option(0.0, "white, of a wheel that turns, m/s", "M/S", ge=0)
+    wheel_slipping: Literal["both", "left"] = option("both", "which wheels slip by --wheel-slip")
+    wheel_noise: float = option(0.0, "white noise of a turning wheel in m/s, 1 sigma", "M/S", ge=0)
 
     @field_validator("idle")
     @classmethod
@@ -254,16 +284,16 @@ class Car(Group):
 
 
 class Drive(Car, Vehicle):
-    """Stand, then drive through a town on hills, with stops and turns."""
+    """A car that stands, then drives through a hilly town, with stops and turns."""
 
     duration: float = _duration(600.0)
     rate: float = _rate(100.0)
     latitude: float = _latitude(48.1)
     longitude: float = _longitude(11.6)
-    height: float = option(560.0, "metres, ellipsoidal", "M")
-    heading: float = option(40.0, "at the start, degrees", "DEG")
+    height: float = option(560.0, "height above the ellipsoid in m", "M")
+    heading: float = option(40.0, "heading at the start in degrees", "DEG")
     gnss_rate: float = _per_second(4.0, "fixes")
-    still: float = option(60.0, "at rest before the drive, s", "S", ge=0)
+    still: float = option(60.0, "rest before the drive in s", "S", ge=0)
 
 
 class Launch(Vehicle):
@@ -273,24 +303,24 @@ class Launch(Vehicle):
     rate: float = _rate(200.0)
     latitude: float = _latitude(41.25)
     longitude: float = _longitude(100.3)
-    height: float = option(1000.0, "metres, ellipsoidal", "M")
-    heading: float = option(63.0, "at the start, degrees", "DEG")
+    height: float = option(1000.0, "height above the ellipsoid in m", "M")
+    heading: float = option(63.0, "heading at the start in degrees", "DEG")
     gyro_kind: Literal["rate", "mean-rate", "increment"] = option(
-        "increment", "contents of the Imu topic"
+        "increment", "what a gyro sample of the Imu topic is"
     )
     gnss_rate: float = _per_second(10.0, "fixes")
     gnss_model: Literal["perfect", "launch", "coloured"] = _receiver("launch")
     baro_rate: float = _per_second(0.0, "pressures")
-    dynamics: float = option(1.0, "factor of the manoeuvres after the boost", "X", ge=0)
-    straight: bool = option(False, "straight and level after the boost")
-    pad: float = option(0.0, "at rest before lift-off, s", "S", ge=0)
+    dynamics: float = option(1.0, "factor on the manoeuvres after the boost", "X", ge=0)
+    straight: bool = option(False, "fly straight and level after the boost")
+    pad: float = option(0.0, "rest before lift-off in s", "S", ge=0)
     launch_grade: Literal["0.01", "1", "10"] | None = option(
-        None, "sensors of the alignment paper instead of --grade", "DEG/H"
+        None, "gyro bias of the alignment paper's sensors, in place of --grade", "DEG/H"
     )
     accel_unit_reading: Literal["m/s^2", "g"] = option(
-        "g", "how the paper's accelerometer biases are read"
+        "g", "unit in which the paper's accelerometer biases are read"
     )
-    gyro_range: float | None = option(None, "the gyro clips there", "DEG/S", gt=0)
+    gyro_range: float | None = option(None, "rate at which the gyro saturates", "DEG/S", gt=0)
 
 
 class HseRig(Scenario):
@@ -302,14 +332,14 @@ class HseRig(Scenario):
 
     rate: float = _rate(500.0)
     rates: tuple[float, ...] = option(
-        (20.0, 40.0, 60.0), "of the table, one after the other", "DEG/S,..."
+        (20.0, 40.0, 60.0), "rates of the table, one after the other", "DEG/S,..."
     )
-    plateau: float = option(604.0, "at each rate, s", "S", gt=0, le=1e6)
-    encoder_rate: float = option(500.0, "readings/s, Hz", "HZ", gt=0, le=1e6)
+    plateau: float = option(604.0, "time at each rate in s", "S", gt=0, le=1e6)
+    encoder_rate: float = option(500.0, "readings of the encoder per second", "HZ", gt=0, le=1e6)
     latitude: float = _latitude(28.07)
-    heading: float = option(40.0, "of the base, degrees", "DEG")
-    tilt_east: float = option(8e-4, "by which the axis leans to the east, rad", "RAD")
-    tilt_north: float = option(0.0, "by which the axis leans to the north, rad", "RAD")
+    heading: float = option(40.0, "heading of the base in degrees", "DEG")
+    tilt_east: float = option(8e-4, "lean of the axis to the east in rad", "RAD")
+    tilt_north: float = option(0.0, "lean of the axis to the north in rad", "RAD")
     epsilon: tuple[float, float, float] = option(
         (2.2, 0.8, 1.2), "misalignments in the user's K_g, arcsec", "E1,E2,E3"
     )
@@ -321,20 +351,22 @@ class HseRig(Scenario):
     )
     arw: float = option(0.0, "angular random walk, deg/sqrt(h)", "DEG/SQRT(H)", ge=0)
     gyro_bias: float = option(0.0, "standard deviation of each gyro's bias, deg/h", "DEG/H", ge=0)
-    gyro_drift: float = option(0.0, "of the part of it that wanders, deg/h", "DEG/H", ge=0)
-    gyro_quantum: float = option(0.0, "angle of one count, arcsec", "ARCSEC", ge=0)
+    gyro_drift: float = option(
+        0.0, "standard deviation of the wandering part of the bias, deg/h", "DEG/H", ge=0
+    )
+    gyro_quantum: float = option(0.0, "angle of one count of the gyros, arcsec", "ARCSEC", ge=0)
     accel_bias: float = option(
         0.0, "standard deviation of each accelerometer's bias, micro-g", "UG", ge=0
     )
     vrw: float = option(0.0, "noise of the accelerometers, micro-g/sqrt(Hz)", "UG/SQRT(HZ)", ge=0)
-    encoder_lsb: float = option(0.0, "of the encoder, arcsec", "ARCSEC", ge=0)
+    encoder_lsb: float = option(0.0, "angle of one count of the encoder, arcsec", "ARCSEC", ge=0)
     encoder_delay: float = option(
-        0.0, "by which readings are older than their stamps, microseconds", "US"
+        0.0, "how much older encoder readings are than their stamps, microseconds", "US"
     )
-    encoder_sign: Literal["1", "-1"] = option("1", "of the encoder's angle")
-    ripple: float = option(0.0, "of the table's rate, relative, once a turn", "X")
+    encoder_sign: Literal["1", "-1"] = option("1", "sign of the encoder's angle")
+    ripple: float = option(0.0, "relative variation of the table's rate, once a turn", "X")
     base_drift: tuple[float, float, float] = option(
-        (0.0, 0.0, 0.0), "turn of the base over the log, arcsec", "N,E,D"
+        (0.0, 0.0, 0.0), "rotation of the base over the whole log, arcsec", "N,E,D"
     )
 
     def check(self) -> None:

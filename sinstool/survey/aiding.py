@@ -170,8 +170,8 @@ def _check_pressure(log: Log, channel: Channel, baro: Baro) -> None:
     if judged.unit == "unknown":
         raise DataError(
             log.path,
-            f"topic {channel.topic}: its pressures are about {judged.median:.5g}, of no atmosphere"
-            " in any usual unit",
+            f"topic {channel.topic}: its pressures are about {judged.median:.5g}, which no"
+            " atmosphere has in any usual unit",
             "give the unit with --baro-unit, or name another topic with --baro-topic",
         )
     raise DataError(

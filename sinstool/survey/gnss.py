@@ -6,6 +6,7 @@ that answers them.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
@@ -23,7 +24,7 @@ from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
-from sinstool.io.readers.topics import optional_topics
+from sinstool.io.readers.topics import NONE, optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
 from sinstool.survey.stuck import stuck_fixes, stuck_velocities
 from sinstool.survey.velocity import Agreement, agreement, odd_frame, usual_noise
@@ -39,8 +40,8 @@ NEARLY_ALL = 0.8
 FLAT_HEIGHT_M = 5.0
 # Beyond what any vehicle with an IMU on Earth does, though not beyond what damaged bytes say.
 FASTEST_M_S = 2e4
-# The kind of finding about a velocity that is none over ground.
-LEFT_OUT = "velocity-left-out"
+# The kinds of finding about a velocity that is none over ground: left out, or used as configured.
+LEFT_OUT, CONTRADICTS = "velocity-left-out", "velocity-contradicts"
 # A standard deviation above this says "unknown", however much larger it is.
 UNKNOWN_SIGMA = 1e6
 
@@ -67,7 +68,10 @@ def read_gnss(
             log, "--gnss-topic", options.gnss_topic, FIX_TYPE
         ).items()
     ]
-    speeds = optional_topics(log, "--velocity-topic", options.velocity_topic, *VELOCITY_TYPES)
+    velocity_topic = options.velocity_topic
+    if velocity_topic is None and options.gnss_topic == NONE:
+        velocity_topic = NONE  # who wants no GNSS wants none of the receiver
+    speeds = optional_topics(log, "--velocity-topic", velocity_topic, *VELOCITY_TYPES)
     receiver, findings = _best_receiver(receivers, tuple(speeds))
     fixes = receiver.stream
     if fixes is not None:
@@ -77,7 +81,7 @@ def read_gnss(
         fixes, more = only(fixes, fixes.on_earth, receiver.topic, "not-on-earth", what)
         findings += more
     candidates = [
-        _velocities(log, topic, channels, fixes, log_time, until_ns)
+        _velocities(log, options, topic, channels, fixes, log_time, until_ns)
         for topic, channels in speeds.items()
     ]
     if fixes is not None and options.gnss_unit is None:
@@ -130,7 +134,7 @@ def _fixes(
     until_ns: int | None,
 ) -> _Read[Gnss]:
     """Valid fixes of a topic."""
-    blocks = until(read_fixes(log, channels, Losses()), until_ns)
+    blocks = until(_stamped(read_fixes(log, channels, Losses()), options), until_ns)
     fixes, findings = in_order(blocks, log_time, topic)
     if fixes is not None:
         problem = ("no-fix", "messages hold no fix", Severity.NOTE)
@@ -143,6 +147,13 @@ def _fixes(
         degrees = {"latitude": fixes.latitude / DEGREE, "longitude": fixes.longitude / DEGREE}
         fixes = replace(fixes, **degrees)
     return _Read(topic, fixes, tuple(findings))
+
+
+def _stamped(blocks: Iterable[S], options: InputOptions) -> Iterator[S]:
+    """Blocks with the receiver's stamps on the Imu's clock."""
+    ahead_ns = round(options.gnss_clock_offset * SECOND)
+    for block in blocks:
+        yield replace(block, time_ns=block.time_ns - ahead_ns) if ahead_ns else block
 
 
 def _best_receiver(
@@ -188,6 +199,7 @@ def _best_receiver(
 
 def _velocities(
     log: Log,
+    options: InputOptions,
     topic: str,
     channels: tuple[Channel, ...],
     fixes: Gnss | None,
@@ -195,7 +207,7 @@ def _velocities(
     until_ns: int | None,
 ) -> _Read[Velocity]:
     """Velocities of a topic, held against the fixes."""
-    blocks = until(read_velocity(log, channels, Losses()), until_ns)
+    blocks = until(_stamped(read_velocity(log, channels, Losses()), options), until_ns)
     velocity, findings = in_order(blocks, log_time, topic)
     if velocity is not None:
         what = f"velocities are not finite or beyond {FASTEST_M_S:.0f} m/s; left out"
@@ -231,18 +243,18 @@ def _believed_velocity(
         reasons = [read.frame, fits.likeness]
         if fits.misfit is not None:
             reasons = [
-                f"its integral is off the fixes of {fix_topic} by {fits.misfit:.0%} of the way",
+                f"its integral differs from the fixes of {fix_topic} by {fits.misfit:.0%} of the"
+                " distance",
                 *reasons,
             ]
-        text = f"topic {read.topic} is no velocity over ground in east, north, up: " + "; ".join(
-            reason for reason in reasons if reason
-        )
+        text = f"topic {read.topic} holds no velocity over ground in east, north, up: "
+        text += "; ".join(reason for reason in reasons if reason)
         numbers = {} if fits.misfit is None else {"misfit": fits.misfit}
         kind, end = LEFT_OUT, "left out"
-        answer = f"--velocity-topic {read.topic} uses it all the same"
+        answer = f"--velocity-topic {read.topic} uses it anyway"
         if named:
             usable.append(read)
-            kind, end = "velocity-contradicts", "used, as configured"
+            kind, end = CONTRADICTS, "used, as configured"
             answer = "--velocity-topic none leaves it out"
         findings.append(
             Finding(kind, f"{text}; {end}", answer=answer, topic=read.topic, numbers=numbers)
@@ -306,7 +318,7 @@ def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
         raise DataError(
             log.path,
             f"topic {topic}: its latitudes are about {latitude:.6g} and longitudes"
-            f" {longitude:.6g}, in no unit of NavSatFix",
+            f" {longitude:.6g}, which are no degrees",
             "sensor_msgs/NavSatFix holds degrees (some drivers write 1e-7 degrees): convert it,"
             " or name another topic with --gnss-topic",
         )

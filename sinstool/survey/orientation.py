@@ -63,7 +63,7 @@ def orientation_fault(
         tilt = float(np.arccos(np.clip(-up[2] / np.linalg.norm(up), -1.0, 1.0)))
         if tilt > TILT:
             angle = tilt / DEGREE
-            reason = f"is tilted by {angle:.0f} deg from what the accelerometer says"
+            reason = f"is tilted by {angle:.0f} deg from the vertical of the accelerometer"
             return OrientationFault(f"{reason} in the first seconds: {LIKELY}", angle)
     follow = np.diff(numbers[rows]) == 1
     turned = log(multiply(conjugate(q_nb[:-1]), q_nb[1:]))[follow]
@@ -78,5 +78,5 @@ def orientation_fault(
         return None
     left = float(np.sum((turned - said) ** 2)) / (power + float(np.sum(turned**2)))
     if left > LEFT:
-        return OrientationFault(f"turns otherwise than the gyro in the first seconds: {LIKELY}")
+        return OrientationFault(f"turns differently from the gyro in the first seconds: {LIKELY}")
     return None

@@ -24,6 +24,7 @@ from sinstool.io.readers.streams import ImuUnits, first_fix
 from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu, optional_topics
 from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
+from sinstool.survey.clocks import against_gnss
 from sinstool.survey.even_stamps import EvenStamps, even_stamps
 from sinstool.survey.gnss import LEFT_OUT, read_gnss
 from sinstool.survey.imu import BLOCK_ROWS, Survey, Watcher, survey
@@ -134,7 +135,7 @@ def prepare(
         aiding = replace(aiding, barometer=barometer)
     if all_gnss and config.navigation.mode in ("auto", "ins-gnss"):
         aiding = _with_wheels(log, config, aiding, survey_.time_source == "log")
-    findings += aiding.findings
+    findings += [*aiding.findings, *against_gnss(log.path, options, survey_, aiding)]
     survey_, aiding, steady = _truly_at_rest(survey_, aiding)
     findings += steady
     position = _position(log, config, aiding)

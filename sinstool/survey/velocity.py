@@ -152,14 +152,18 @@ def _likeness(
             continue
         angle = float(np.angle(factor)) / DEGREE
         if mirrored:
-            ned = abs(angle - 90.0) < 15.0
-            return f"it is as if in {'north, east, down' if ned else 'mirrored axes'}"
+            if abs(angle - 90.0) < 15.0:
+                return (
+                    "its axes seem to be north, east, down, or the fixes have latitude and"
+                    " longitude exchanged"
+                )
+            return "its axes seem to be mirrored"
         if abs(angle) < 15.0:
             return f"it is {1.0 / abs(factor):.2g} times as large as the fixes'"
         return f"its axes are turned by {angle:.0f} deg from east and north, as in a local frame"
     forward, left = np.sqrt(np.mean(velocity.velocity_n[:, [1, 0]] ** 2, axis=0))
     if left < 0.2 * forward:
-        return "it is as if along the vehicle's own axes, forward and left"
+        return "its axes seem to be the vehicle's own axes, forward and left"
     usual, fixed = (float(np.median(np.abs(each))) for each in (said, moved))
     if 0.8 * fixed < usual < 1.25 * fixed:
         return "its speed matches the fixes, its course does not"

@@ -143,7 +143,7 @@ def read_wheels(
         if not wheels.topic:
             refused.append(wheels.reason)
     if not candidates:
-        none = "as the log has no topic that may hold them"
+        none = "as no topic looks like wheel speeds"
         return WheelSpeeds(reason="as " + "; ".join(refused) if refused else none)
     best = min(candidates, key=lambda pair: pair[0])[1]
     if len(candidates) > 1:

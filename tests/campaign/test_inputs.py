@@ -92,6 +92,16 @@ def test_what_is_no_file_is_passed_over(tree):
     assert named(find_logs([tree / "**"])) == NAMES
 
 
+def test_logs_that_hold_nothing_are_not_passed_over(tree):
+    """A recorder that lost power leaves empty files: of forty logs, forty are answered for."""
+    for name in ("empty.mcap", "zeros.bag", "other.db3", "day1/empty.ulg"):
+        (tree / name).write_bytes(b"" if "empty" in name else bytes(4096))
+    (tree / "day1" / "notes.md").touch()
+    expected = sorted([*NAMES, "empty.mcap", "zeros.bag", "other.db3", "day1/empty.ulg"])
+    assert named(find_logs([tree])) == expected
+    assert named(find_logs([tree / "**"])) == expected
+
+
 def test_links_that_lead_back(tree):
     (tree / "0loop").symlink_to(".")
     (tree / "day1" / "0up").symlink_to("..")

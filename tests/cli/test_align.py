@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+import sinstool as sinstool_package
 from tests.helpers.launch_logs import TACTICAL, launched
 from tests.helpers.logs import real
 
@@ -91,3 +92,38 @@ def test_six_seconds_of_flight_are_too_few(align):
     code, out, err = align(log, "--body-axes", "frd", "--method", "svd")
     assert code == 1 and not out
     assert "needs GNSS velocity for 10 s" in err and "for 6.0 s" in err
+
+
+@pytest.fixture(scope="module")
+def resting(tmp_path_factory):
+    """A navigation-grade IMU at rest for a minute and a half, with fixes of where it is."""
+    path = tmp_path_factory.mktemp("rest") / "rest.mcap"
+    sinstool_package.simulate(
+        "static", path, grade="navigation", duration=90.0, rate=100.0, attitude=(2, -3, 40)
+    )
+    return path
+
+
+@pytest.mark.parametrize(("method", "status"), [("gyrocompass", 0), ("level", 3)])
+def test_a_time_at_rest_is_that_of_the_answer(align, resting, method, status):
+    code, out, _ = align(resting, "--method", method, "--at", "50", "--json")
+    assert code == status and json.loads(out)["time_s"] == 50.0
+    code, _, err = align(resting, "--method", method, "--at", "500")
+    assert code == 2 and f"--at 500: by {method} the attitude is known until" in err
+
+
+@pytest.mark.parametrize("at", ["noon", "nan", "inf"])
+def test_a_time_that_is_none(align, resting, at):
+    code, _, err = align(resting, "--at", at)
+    assert code == 2 and f"--at {at}: not end, start or a number" in err
+
+
+def test_an_alignment_does_not_speak_of_navigation(align, resting):
+    """Fixes that never move show no heading: of no matter where a gyrocompass does."""
+    code, out, err = align(resting)
+    assert code == 0 and "gyrocompass" in out
+    assert "INS/GNSS" not in err and "warning" not in err
+    code, _, err = align(resting, "--imu-grade", "mems")
+    assert code == 3
+    assert "motion does not show heading: " in err and "INS/GNSS" not in err
+    assert "heading is not known: the log shows roll and pitch only" in err

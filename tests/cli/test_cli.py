@@ -657,6 +657,13 @@ def test_help_of_process_names_every_algorithm_and_option(sinstool):
     assert all("--" + name.replace("_", "-") in help_text for _, name in fields())
 
 
+@pytest.mark.parametrize("command", [("export",), ("simulate", "drive"), ("conventions",)])
+def test_where_help_is_all_help_all_is_the_same(sinstool, command):
+    """The README says of every command that --help-all shows all of its options."""
+    short, full = (sinstool(*command, flag) for flag in ("--help", "--help-all"))
+    assert full[0] == 0 and full[1] == short[1] and "--help-all" not in short[1]
+
+
 LONG = ("info", "process", "align", "compare-coning", "calibrate-hse")
 
 
@@ -760,6 +767,25 @@ def test_verbose_errors_have_their_traceback(tmp_path):
         text=True,
     )
     assert run.returncode == 1 and "Traceback" in run.stderr and "no such file" in run.stderr
+
+
+def test_a_steady_turn_is_not_called_rest(sinstool, tmp_path):
+    """A table that turns at a constant rate: its noise is that of rest, its rate no bias."""
+    gyro, accel = resting(1000)
+    turning = np.add(gyro, [0.0, 0.0, np.radians(90.0)])
+    path = write_log(tmp_path / "a.mcap", imu_messages(even_times(1000), turning, accel))
+    _, out, _ = sinstool("info", path)
+    assert re.search(r"^  steady .* it turns at this rate, or the gyro's bias is large$", out, re.M)
+    assert not re.search(r"^  still", out, re.M)
+    _, _, err = sinstool("process", path, "-o", tmp_path / "a.out.mcap")
+    assert "90.0 deg/s, is removed as the gyro's bias" in err and "--gyro-bias none" in err
+    told = ("--gyro-bias", "none")
+    _, _, err = sinstool("process", path, "-o", tmp_path / "b.out.mcap", *told)
+    assert "is removed" not in err
+    slow = np.add(gyro, [0.0, 0.0, np.radians(4.0)])
+    path = write_log(tmp_path / "c.mcap", imu_messages(even_times(1000), slow, accel))
+    _, _, err = sinstool("process", path, "-o", tmp_path / "c.out.mcap")
+    assert "deg/s, is removed" not in err
 
 
 def test_something_lost(sinstool, tmp_path):

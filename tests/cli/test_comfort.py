@@ -76,7 +76,7 @@ def test_process_explains_the_filter(run, tmp_path):
     assert "found in the log" in chosen["GNSS latency"][0]
     assert chosen["coning"][0].startswith("lookahead-12, as configured")
     status, _, err = run("align", "drive.mcap", "-v", cwd=tmp_path)
-    assert choices(err)["first attitude"][0].startswith("svd, attitude by svd from velocity")
+    assert choices(err)["first attitude"][0].startswith("svd, from velocity changes")
 
 
 def test_others_explain_too(run, tmp_path):

@@ -16,6 +16,7 @@ from pathlib import Path
 import psutil  # which comes with distributed
 import pytest
 
+from sinstool.core.errors import OutputError
 from sinstool.pipelines.provenance import read_record
 from tests.helpers.imulogs import even_times, handheld, imu_log
 from tests.helpers.paths import ROOT
@@ -95,6 +96,31 @@ def test_salvaged_is_lost(sinstool, logs, tmp_path):
         ("complete", 3),
         ("complete", 0),
     ]
+
+
+def test_what_was_damaged_is_salvaged_later_and_nothing_else_fails(sinstool, logs, tmp_path):
+    """The advice of the first run, followed: the other logs are complete, not in the way."""
+    arguments = ("process", logs / "b", "-o", tmp_path / "out", "-j", 1, "--json")
+    status, printed, err = sinstool(*arguments)
+    assert status == 1 and "--salvage" in err
+    assert [row["status"] for row in rows(printed)] == ["failed", "done"]
+    status, printed, _ = sinstool(*arguments, "--salvage")
+    assert status == 3
+    assert [row["status"] for row in rows(printed)] == ["lost", "complete"]
+
+
+def test_the_table_is_printed_though_the_index_cannot_be_written(
+    sinstool, logs, tmp_path, monkeypatch
+):
+    """A disk that is full by then hides nothing of what was done."""
+
+    def full(*_):
+        raise OutputError("writing index.html failed: No space left on device")
+
+    monkeypatch.setattr("sinstool.report.pages.campaign.write_index", full)
+    status, printed, err = sinstool("process", logs / "a", "-o", tmp_path / "out", "-j", 1)
+    assert status == 1 and "index.html failed: No space left" in err
+    assert printed.splitlines()[1].startswith("done")
 
 
 @pytest.mark.slow

@@ -126,3 +126,18 @@ def test_the_command_line_prints_the_plan(sinstool, tmp_path):
     _, text, _ = sinstool("process", log, "--print-plan")
     assert all(choice["reason"] in text for choice in report.values())
     assert not list(tmp_path.glob("*.part")) and len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_finding_about_a_log_does_not_repeat_its_name(tmp_path):
+    """Of many logs it is then one and the same finding."""
+    log = simulated(tmp_path / "log.mcap", *SCENARIOS["standing with GNSS"][0])
+    (finding,) = [f for f in plan_of(log, ProcessConfig()).findings if f.kind == "no-ins-gnss"]
+    assert str(log) not in finding.text and "log.mcap" not in finding.text
+
+
+def test_a_span_without_fixes_withholds_nothing(tmp_path):
+    """An outage that a typing error puts outside the log must not pass for one that was tested."""
+    log = simulated(tmp_path / "log.mcap", *SCENARIOS["drive"][0])
+    config = build(ProcessConfig, {"filter": {"withhold_gnss": ["80:90", "500:600"]}})
+    found = [f for f in plan_of(log, config).findings if f.kind == "nothing-withheld"]
+    assert [f.text.split(",")[0] for f in found] == ["--withhold-gnss 500:600 withholds nothing"]

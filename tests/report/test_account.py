@@ -42,7 +42,7 @@ def test_navigation_with_outages():
     assert extent == (
         "Attitude, velocity and position were computed from the IMU and GNSS: 60001 attitudes over"
         " 10.0 min and 5.68 km over ground, at 9.46 m/s on average and at most 16.3 m/s. 2401 GNSS"
-        " fixes were used and 3 rejected, with 2 outages of 31 s in all, the longest of 20 s."
+        " epochs were used and 3 rejected, with 2 outages of 31 s in all, the longest of 20 s."
     )
     assert known == (
         "By the run's own estimate, roll and pitch are known to 0.25 deg, heading to 0.43 deg and"

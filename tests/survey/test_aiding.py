@@ -223,7 +223,7 @@ def test_radians_across_the_date_line_are_refused(tmp_path):
 
 
 def test_angles_and_heights_of_no_globe_are_refused(tmp_path):
-    with pytest.raises(DataError, match="in no unit"):
+    with pytest.raises(DataError, match="which are no degrees"):
         gnss(tmp_path, drive(scale=1e7))
     millimetres = [fix_message(k, TIMES[k], 48.0 + k * 1e-5, 11.0, 120000.0) for k in range(N)]
     with pytest.raises(DataError, match="millimetres"):
@@ -257,7 +257,7 @@ def test_pressures_that_are_none(tmp_path):
     bad = [pressure_message(t, p) for t, p in zip(TIMES, [0.0, -1.0, np.nan] * 20, strict=True)]
     with pytest.raises(DataError, match="no pressure that is positive"):
         baro(tmp_path, bad)
-    with pytest.raises(DataError, match="no atmosphere"):
+    with pytest.raises(DataError, match="which no atmosphere has"):
         baro(tmp_path, [pressure_message(t, 3.0) for t in TIMES])
 
 

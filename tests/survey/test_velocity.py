@@ -223,5 +223,10 @@ def test_no_topic_is_used_where_none_is_named(tmp_path, roads):
     data = record(roads[2], PERFECT, 1, sigma_v=0.1, lever=LEVER)
     log = write(tmp_path / "log.mcap", data)
     assert read(log, gnss_topic="none", velocity_topic="none").gnss is None
+    # who wants no GNSS wants no velocity of the receiver, unless it is named
+    without = read(log, gnss_topic="none")
+    assert without.gnss is None and not without.velocity_topic
+    topic = read(log).velocity_topic
+    assert read(log, gnss_topic="none", velocity_topic=topic).gnss.has_velocity.all()
     fixes = read(log, velocity_topic="none").gnss
     assert fixes.has_position.all() and not fixes.has_velocity.any()

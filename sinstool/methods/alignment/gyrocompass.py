@@ -310,13 +310,13 @@ def _answer(
         )
         status, q_nb = "unobservable", np.full(4, np.nan)
     elif worst > REFUSE_SIGMA:
-        limit = grade.gyro_bias / max(earth.EARTH_RATE * horizontal, 1e-12)
+        predicted = np.rad2deg(min(sigma_heading, np.pi))
+        alone = np.rad2deg(grade.gyro_bias / max(earth.EARTH_RATE * horizontal, 1e-12))
         warnings.append(
-            "heading is not observable: predicted sigma"
-            f" {min(np.rad2deg(sigma_heading), 180.0):.1f}"
-            f" deg, of which a gyro bias of {np.rad2deg(grade.gyro_bias) * 3600.0:.3g} deg/h alone"
-            f" makes {min(np.rad2deg(limit), 180.0):.1f} deg at this latitude, over"
-            f" {record.duration_s:.0f} s; this needs better gyros, a longer rest or GNSS in motion"
+            f"heading is not observable: predicted sigma {predicted:.1f} deg, of which a gyro bias"
+            f" of {np.rad2deg(grade.gyro_bias) * 3600.0:.3g} deg/h alone makes"
+            f" {min(alone, predicted):.1f} deg at this latitude, over {record.duration_s:.0f} s;"
+            " this needs better gyros, a longer rest or GNSS in motion"
         )
         if tilt <= OK_SIGMA:
             roll, pitch, _ = rotation.to_euler(q_nb)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import GnssEpochs, Imu, concatenate
 from sinstool.core.timeline import SECOND
@@ -350,6 +350,15 @@ def first_motion(fixes: GnssFixes, first_ns: int, rest_ns: int) -> int | None:
     return max(first_ns, int(fixes.time_ns[moving[0]]) - round(BEFORE_S * SECOND))
 
 
+def _beside(fixes_ns: IntArray, first_ns: int) -> str:
+    """Where fixes are that lie outside the samples."""
+    if fixes_ns[-1] < first_ns:
+        return f": the last is {(first_ns - fixes_ns[-1]) / SECOND:.1f} s before the first sample"
+    if fixes_ns[0] > first_ns:
+        return f": the first is {(fixes_ns[0] - first_ns) / SECOND:.1f} s after the first sample"
+    return ""
+
+
 def gnss_fixes(
     gnss: GnssEpochs | None, first_ns: int, last_ns: int, latency_s: float = 0.0
 ) -> tuple[GnssFixes, tuple[str, ...]]:
@@ -386,8 +395,9 @@ def gnss_fixes(
     rows = gnss.rows(inside & (gnss.has_velocity if gnss.has_velocity.any() else gnss.has_position))
     if not len(rows):
         raise AlignmentError(
-            "no GNSS fix lies within the span of the Imu's samples",
-            "choose another span with --start and --end, or use --align level or log",
+            f"no GNSS fix lies within the span of the Imu's samples{_beside(valid_ns, first_ns)}",
+            "choose another span with --start and --end, use --align level or log, or, if the"
+            " receiver has another clock, give --gnss-clock-offset",
         )
     seconds = (rows.time_ns - placed.time_ns[0]) / SECOND
     at = (placed.time_ns - placed.time_ns[0]) / SECOND

@@ -246,8 +246,8 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         # The filter's measure has an end, as it inflates what does not fit.
         own = max(own, solution.chi2)
         warnings.append(
-            f"inconsistent: residuals are {own:.1f} times what the noise assumed"
-            f" explains; {explain_residuals(solution, segment)}"
+            f"the first attitude is inconsistent: its residuals are {own:.1f} times as large as"
+            f" the assumed noise explains; {explain_residuals(solution, segment)}"
         )
     if inconsistent or errors is not None:
         covariance = max(own, 1.0) * covariance

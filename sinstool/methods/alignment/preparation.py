@@ -156,7 +156,7 @@ def prepare_fixes(
     if rough.any() and settings.vectors != "pos":
         warnings.append(
             f"{int(rough.sum())} fixes whose velocities are much less certain than those of their"
-            " neighbours not used"
+            " neighbours are not used"
         )
         gnss = gnss.rows(~rough)
     if settings.vectors == "pos":
@@ -171,9 +171,9 @@ def prepare_fixes(
     if span < MIN_POSITION_SPAN_S:
         raise AlignmentError(
             f"alignment in flight needs GNSS velocity for {MIN_SPAN_S:g} s, or positions for"
-            f" {MIN_POSITION_SPAN_S:g} s",
-            f"there are velocities for {_span_s(gnss.time_ns[moving]):.1f} s and positions for"
-            f" {span:.1f} s",
+            f" {MIN_POSITION_SPAN_S:g} s, and there are velocities for"
+            f" {_span_s(gnss.time_ns[moving]):.1f} s and positions for {span:.1f} s",
+            "choose a longer span, or use --align level or log",
         )
     warnings.append("the fixes have no velocity: aligned by positions, which takes a minute")
     method = "svd" if settings.method == "triad" else settings.method

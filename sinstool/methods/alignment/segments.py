@@ -231,7 +231,7 @@ def _candidate(
         )
     longest = preparation.gap_edges(segment.rows.time_s)[1]
     if longest > preparation.SILENT_GAP_S:
-        warnings.append(f"fixes are missing for {longest:.1f} s inside the segment")
+        warnings.append(f"fixes are missing for {longest:.1f} s in the span used for alignment")
     return Candidate(
         stretch, segment, fixes, inside, start_ns, stop_ns, rejected, solution, path, sigma,
         warnings,

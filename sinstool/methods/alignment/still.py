@@ -12,6 +12,7 @@ from math import dist, sqrt
 import numpy as np
 
 from sinstool.core.parts import kernel
+from sinstool.core.units import DEGREE
 
 WINDOW_NS = 500_000_000
 # Noise of working sensors at rest, with an engine idling: beyond this something moves.
@@ -25,6 +26,8 @@ KNOCK_STD = (0.012, 0.15)
 GYRO_STEP = 0.003  # rad/s
 ACCEL_STEP = 0.05  # m/s^2
 MEAN_SIGMAS = 4.0
+# A steady mean rate, rad/s, beyond the zero-rate offset of all but the worst gyros.
+STEADY_TURN = 10.0 * DEGREE
 MIN_SAMPLES = 4
 MIN_WINDOWS = 2
 

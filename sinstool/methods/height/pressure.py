@@ -344,7 +344,7 @@ def reference_from_start(pressure: ArrayLike, height: float) -> BaroReference:
 
 def reference_from_gnss(
     time_ns: ArrayLike, pressure: ArrayLike, gnss_time_ns: ArrayLike, gnss_height: ArrayLike
-) -> BaroReference:
+) -> BaroReference | None:
     """Heights set by GNSS: its median over the first 30 s, and the day's scale where it shows.
 
     Parameters
@@ -360,18 +360,13 @@ def reference_from_gnss(
 
     Returns
     -------
-    BaroReference
+    BaroReference or None
         With ``fit`` set wherever a fit was possible; its scale and offset are used where
-        ``fit.applied``.
-
-    Raises
-    ------
-    ValueError
-        If no fix falls between two pressures.
+        ``fit.applied``. None if no fix falls between two pressures.
     """
     standard, heights, times = _paired(time_ns, pressure, gnss_time_ns, gnss_height)
     if not len(times):
-        raise ValueError("Expected GNSS heights while there are pressures.")
+        return None
     early = times - times[0] <= round(GNSS_WINDOW * 1e9)
     offset = float(np.median(heights[early] - standard[early]))
     reference = BaroReference("gnss", offset, samples=int(np.count_nonzero(early)))

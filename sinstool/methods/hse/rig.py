@@ -272,7 +272,7 @@ class Rig:
             return []
         return [
             f"rig.C_s_to_b is orthonormal to {self.orthonormality_error:.1g} only; it is used as "
-            f'it is, and {share / ARCSEC:+.2f}" of lambda2 come from that'
+            f"it is, which changes lambda2 by {share / ARCSEC:+.2f} arcsec"
         ]
 
     def to_table(self) -> dict[str, Any]:

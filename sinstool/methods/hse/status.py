@@ -33,6 +33,8 @@ CONSISTENT = 3.0
 P_LACK_OF_FIT = 0.01
 SECOND_ORDER = 1e-2
 C23_SPREAD = 0.05
+# Scatter of the runs over what that of their turns explains, from so many degrees of freedom on.
+SCATTER, LEAST_DOF = 3.0, 4
 
 
 @dataclass(frozen=True)
@@ -247,6 +249,16 @@ def _remarks(result: HseFit) -> Iterator[Finding]:
             f"the encoder is stale by {tau * 1e6:.1f} +- {sigma * 1e6:.1f} us",
             "lambda2 is free of it, headings are not: add it to [rig.encoder] delay_s",
         )
+    if result.chi2 is not None and result.dof >= LEAST_DOF:
+        times = float(np.sqrt(result.chi2 / result.dof))
+        if times > SCATTER:
+            yield _finding(
+                "ok",
+                f"the runs scatter {times:.1f} times as much as their own turns explain; the sigmas"
+                " include it",
+                "check that all logs are of one rig at one site: latitude_deg, the matrices and"
+                " imu_stamp must hold for each of them",
+            )
     if result.distribution == "turns":
         yield _finding(
             "ok",

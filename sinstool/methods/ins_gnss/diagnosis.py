@@ -10,7 +10,7 @@ initial-attitude    velocity changes of the first two minutes give another attit
                     tilt (gravity where it cannot be: mount, body axes), or heading
 latency             fixes run ahead of the IMU's motion, or behind
 velocity-lag        positions and velocities of the receiver are not of one instant
-lever-arm           fixes swing with the vehicle's turns
+lever-arm           fixes move with the vehicle's turns
 gnss-noise          innovations of a channel are larger or smaller than their sigma, and white
 imu-noise           they are larger, and follow one another
 divergence          fixes are gated, the filter begins anew; named even where no cause shows
@@ -256,7 +256,7 @@ def _attitude_findings(fit: _Fit, start: Start, many: int, moving: bool) -> list
                 "velocity changes of the first two minutes say that the initial heading is"
                 f" {np.rad2deg(heading):.0f} deg off, sigma"
                 f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg",
-                answer="leave it out, to be estimated in motion",
+                answer="leave --align out, so that heading is estimated in motion",
                 numbers={"heading_deg": float(np.rad2deg(heading))},
             )
         ]
@@ -298,8 +298,8 @@ def _time_and_arm(offsets: ReceiverOffsets, settings: Settings) -> list[Finding]
     if offsets.latency_contradicts(settings.gnss_latency):
         text = (
             f"the latency of GNSS is {1e3 * offsets.latency_s:.0f} ms"
-            f" (+- {1e3 * offsets.sigma_s:.0f}), not {1e3 * settings.gnss_latency:.0f} ms: fixes"
-            " and the IMU's motion fit each other best so. The sigmas include the difference"
+            f" (+- {1e3 * offsets.sigma_s:.0f}), not {1e3 * settings.gnss_latency:.0f} ms, by the"
+            " IMU's motion; the sigmas of the solution include the difference"
         )
         answer = f"leave --gnss-latency out, or give --gnss-latency {offsets.latency_s:.3f}"
         numbers = {"latency_s": offsets.latency_s, "sigma_s": offsets.sigma_s}
@@ -308,12 +308,12 @@ def _time_and_arm(offsets: ReceiverOffsets, settings: Settings) -> list[Finding]
         x, right, down = (float(v) for v in offsets.arm_off_b)
         sigmas = ", ".join(f"{sigma:.2f}" for sigma in offsets.arm_off_sigma_b)
         text = (
-            "fixes swing with the vehicle's turns: the antenna seems to be another"
-            f" {x:.1f} m forward, {right:.1f} m right, {down:.1f} m down of where the lever arm"
-            f" has it (+- {sigmas}). The sigmas include the difference"
+            "fixes move with the vehicle's turns as if the antenna were"
+            f" {x:.1f} m forward, {right:.1f} m right and {down:.1f} m down (+- {sigmas}) of the"
+            " lever arm in use; the sigmas of the solution include the difference"
         )
         arm = ",".join(f"{float(v):.2f}" for v in offsets.arm_b)
-        answer = f"--lever-arm {arm}, if that is plausible on your vehicle"
+        answer = f"add --lever-arm {arm} if that is plausible on your vehicle"
         numbers = {"forward_m": x, "right_m": right, "down_m": down}
         findings.append(Finding("lever-arm", text, answer=answer, numbers=numbers))
     return findings

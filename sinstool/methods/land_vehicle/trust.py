@@ -148,7 +148,7 @@ def find_trust(
         c_vb = to_dcm(exp([0.0, pitch, -yaw])) @ c_vb
     elif max(abs(yaw), abs(pitch)) > MOST_OFF:
         off = max(abs(yaw), abs(pitch)) / DEGREE
-        reason = f"its way is {off:.0f} deg off the direction of the mount"
+        reason = f"it moves {off:.0f} deg off the forward axis of the mount"
     else:
         # Roll has no state, and neither row shows it
         upright, _ = _mount(means, track, moving)
@@ -180,10 +180,10 @@ def _doubt(lateral: AxisTrust, vertical: AxisTrust, axle: float) -> str:
     for name, axis in (("sideways", lateral), ("up and down", vertical)):
         if axis.own_angle > MOST_OWN:
             return (
-                f"its velocity {name} is known to {axis.own_angle / DEGREE:.1f} deg of its way only"
+                f"its direction of motion {name} is known to {axis.own_angle / DEGREE:.1f} deg only"
             )
         if axis.angle > MOST_ANGLE:
-            return f"it moves {name} by {axis.angle / DEGREE:.1f} deg of its way"
+            return f"it moves {name} by {axis.angle / DEGREE:.1f} deg off its axis"
         if axis.far > MOST_FAR:
             return f"it slides {name} in {axis.far:.0%} of the time"
     if abs(axle) > LONGEST_VEHICLE:

@@ -19,6 +19,7 @@ from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment, tilted
+from sinstool.methods.alignment.still import STEADY_TURN
 from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.rest import longest_rest
@@ -343,7 +344,16 @@ def _with_bias(alignment: Alignment, source: Source, config: ProcessConfig) -> A
     still = source.survey.lead_in
     if still is not None:
         bias = initial.still_bias(still, alignment.q_nb, earth_rate(source))
-        return replace(alignment, gyro_bias=bias, bias_source="still")
+        alignment = replace(alignment, gyro_bias=bias, bias_source="still")
+        size = float(np.linalg.norm(bias))
+        if size > STEADY_TURN:
+            note = (
+                f"the mean rate of the first {still.duration_s:.1f} s, {size / DEGREE:.1f} deg/s,"
+                " is removed as the gyro's bias, which is large for one: if the sensor turned at"
+                " this rate, add --gyro-bias none, or choose a beginning at rest with --start"
+            )
+            alignment = replace(alignment, warnings=(*alignment.warnings, note))
+        return alignment
     rest = longest_rest(source.survey.spans, source.aiding.gnss)
     note = NO_BIAS
     if rest is not None:

@@ -34,9 +34,9 @@ from sinstool.pipelines.align.result import (
     plain_values,
 )
 from sinstool.pipelines.log_used import ImuTime, LogFile, Lost
-from sinstool.pipelines.plan import Plan, fixed_plan, make_plan
+from sinstool.pipelines.plan import NO_INS_GNSS, NO_SOLUTION, Plan, fixed_plan, make_plan
 from sinstool.survey.grade import sensor_grade
-from sinstool.survey.source import Source, prepare
+from sinstool.survey.source import Source, lead_in_end, prepare
 
 
 @dataclass(frozen=True)
@@ -121,6 +121,42 @@ def _with_truth(
     return replace(alignment, result=result, error=course)
 
 
+_WITHOUT = {
+    "level-only": "the log shows roll and pitch only",
+    "unobservable": "the log does not show it, nor roll and pitch",
+    "failed": "the alignment failed",
+}
+
+
+def _time_at_rest(source: Source, config: ProcessConfig, method: str, time_ns: int) -> int:
+    """The time of an attitude that is not found in motion, by ``--at``."""
+    at, first_ns = config.in_flight.at, source.survey.first_ns
+    if at in ("end", "start"):
+        return time_ns
+    asked_ns = first_ns + round(float(at) * SECOND)
+    resting = method in ("level", "gyrocompass") and source.survey.lead_in is not None
+    end_ns = lead_in_end(source.survey) if resting else first_ns
+    if not first_ns <= asked_ns <= end_ns:
+        known = f"until {seconds_from_start(end_ns, source):.1f} s" if resting else "at 0 s"
+        raise ConfigurationError(
+            f"--at {at}: by {method} the attitude is known {known} only",
+            "give a time until then, or align in motion with --method svd",
+        )
+    return asked_ns
+
+
+def _of_plan(plan: Plan, status: str) -> list[Finding]:
+    """Findings of a plan that bear on an alignment alone."""
+    findings = []
+    for finding in plan.findings:
+        if finding.kind != NO_INS_GNSS:
+            findings.append(finding)
+        elif status not in HEADING_OBSERVED:
+            why = finding.text.removeprefix(NO_SOLUTION)
+            findings.append(replace(finding, text=f"motion does not show heading: {why}"))
+    return findings
+
+
 def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
     grade = sensor_grade(source, config)
     method = plan.first_attitude.value
@@ -159,16 +195,18 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         q_nb, warnings = alignment.q_nb, alignment.warnings
     if answer is not None:
         status, q_nb, warnings = answer.status, answer.q_nb, answer.warnings
+    if method not in IN_FLIGHT:
+        time_ns = _time_at_rest(source, config, method, time_ns)
     lost = Lost.of(source)
     findings = [
         *source.findings,
-        *plan.findings,
+        *_of_plan(plan, status),
         *(Finding("alignment", text) for text in warnings),
         *lost.findings(),
     ]
     if status not in HEADING_OBSERVED:
         findings.append(
-            Finding("heading-withheld", f"heading is not known: {status}", Severity.LOST)
+            Finding("heading-withheld", f"heading is not known: {_WITHOUT[status]}", Severity.LOST)
         )
     begin, end = span
     result = AlignResult(

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 from sinstool.core.finding import Finding, Severity, exit_status
 from sinstool.core.result import as_json
 from sinstool.io.readers.lost import LogLosses
+from sinstool.methods.alignment.still import STEADY_TURN
 from sinstool.pipelines.plan import Plan
 
 SCHEMA = "sinstool.info/1"
@@ -58,6 +60,11 @@ class StillStretch:
     gravity_axis: str
     gyro_noise_rad_s: float
     accel_noise_m_s2: float
+
+    @property
+    def turning(self) -> bool:
+        """Whether it turns faster than the bias of any but the worst gyros."""
+        return math.hypot(*self.gyro_bias_rad_s) > STEADY_TURN
 
 
 @dataclass(frozen=True)
@@ -114,7 +121,11 @@ class Verdict:
         note = f" ({self.why})" if self.why else ""
         mode, first = self.plan.mode, self.plan.first_attitude
         what = "INS/GNSS" if mode.value == "ins-gnss" else f"{mode.value} alone"
-        return f"process would use {self.imu_topic}{note}; {what}; first attitude {first}"
+        text = f"process would use {self.imu_topic}{note}; {what}; first attitude {first}"
+        if self.plan.magnetometer.value != "none":
+            topic = self.plan.magnetometer.value
+            text += f"; heading by the magnetometer {topic}, where its field is undisturbed"
+        return text
 
 
 @dataclass(frozen=True)

@@ -170,21 +170,14 @@ def _baro_reference(
                 "heights by --qnh are above mean sea level; give --undulation for the ellipsoid"
             )
         return reference_from_setting(options.qnh, options.undulation), warnings
+    _require_pressures(source, baro, config)
     gnss = source.aiding.gnss
-    heights = gnss is not None and bool(np.isfinite(gnss.height).any())
-    if options.baro_ref == "gnss" and not heights:
-        raise DataError(
-            source.path,
-            "--baro-ref gnss: the log has no GNSS heights",
-            "use --baro-ref init or --qnh",
+    if options.baro_ref != "init" and gnss is not None and np.isfinite(gnss.height).any():
+        usable = heights_for_calibration(baro, gnss)
+        reference = reference_from_gnss(
+            baro.time_ns, baro.pressure, gnss.time_ns[usable], gnss.height[usable]
         )
-    try:
-        if options.baro_ref != "init" and heights:
-            assert gnss is not None
-            usable = heights_for_calibration(baro, gnss)
-            reference = reference_from_gnss(
-                baro.time_ns, baro.pressure, gnss.time_ns[usable], gnss.height[usable]
-            )
+        if reference is not None:
             fit = reference.fit
             if fit is not None and fit.applied and _shows(fit):
                 warnings.append(
@@ -192,14 +185,35 @@ def _baro_reference(
                     f" {reference.scale:.4f} (a warm or cold day); applied"
                 )
             return reference, warnings
-        early = baro.time_ns - baro.time_ns[0] <= int(START_S * 1e9)
-        return reference_from_start(baro.pressure[early], start_height), warnings
-    except ValueError as exc:
+    if options.baro_ref == "gnss":
         raise DataError(
             source.path,
-            f"topic {source.aiding.barometer.topic}: {exc}",
-            "use --baro-ref init or --qnh, or choose another span with --start and --end",
-        ) from exc
+            "--baro-ref gnss: the log has no GNSS heights while there are pressures",
+            "use --baro-ref init or --qnh",
+        )
+    early = baro.time_ns - baro.time_ns[0] <= int(START_S * 1e9)
+    if not (pressure_reason(baro.pressure[early]) == ACCEPTED).any():
+        raise DataError(
+            source.path,
+            f"topic {source.aiding.barometer.topic}: no pressure of the first {START_S:g} s can be"
+            " used",
+            "use --qnh, or choose another span with --start and --end",
+        )
+    return reference_from_start(baro.pressure[early], start_height), warnings
+
+
+def _require_pressures(source: Source, baro: Baro, config: ProcessConfig) -> None:
+    """Refuse a barometer that no height can be had from."""
+    if (pressure_reason(baro.pressure) == ACCEPTED).any():
+        return
+    unit = config.input.baro_unit
+    read = "" if unit is None else f", read in {unit} as configured"
+    raise DataError(
+        source.path,
+        f"topic {source.aiding.barometer.topic}: its pressures are about"
+        f" {np.nanmedian(baro.pressure):.5g} Pa{read}, which no atmosphere has",
+        "correct --baro-unit, or leave the barometer out with --baro-topic none",
+    )
 
 
 def _shows(fit: ScaleFit) -> bool:

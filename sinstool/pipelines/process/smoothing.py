@@ -272,7 +272,7 @@ class Smoothing:
         if not self._rested and s.motion == "vehicle" and self._turning > LONG_TURNS:
             yield Finding(
                 "long-turns",
-                f"{100.0 * self._turning:.2g} % of the log are turns of half a minute and more, and"
+                f"{self._turning:.0%} of the log are turns of half a minute and more, and"
                 " no rest shows the gyro bias: such a turn looks like a bias, so roll and pitch may"
                 " be off by several of their sigmas",
                 answer="record some seconds at rest, or give --gyro-bias X,Y,Z",

@@ -127,11 +127,13 @@ def index_page(folder: Path, entries: Sequence[Entry], seconds: float) -> Page:
 def throughput(entries: Sequence[Entry], seconds: float) -> str:
     """Logs and bytes processed in a time, as a line."""
     done = [one for one in entries if one.status in ("done", "lost")]
-    text = f"This run took {duration(float(f'{seconds:.3g}'))} for {len(entries)} logs"
+    logs = "log" if len(entries) == 1 else "logs"
+    text = f"This run took {duration(float(f'{seconds:.3g}'))} for {len(entries)} {logs}"
     data = sum(one.travelled("duration_s") or 0.0 for one in done)
     if not done or seconds <= 0.0:
         return f"{text}; none of them had to be computed." if not done else f"{text}."
-    of = "" if len(done) == len(entries) else f", of which {len(done)} were computed"
+    were = "was" if len(done) == 1 else "were"
+    of = "" if len(done) == len(entries) else f", of which {len(done)} {were} computed"
     return (
         f"{text}{of}: {len(done) / seconds:.3g} logs/s, {duration(data)} of data at"
         f" {data / seconds:.3g} times the speed at which it was recorded."

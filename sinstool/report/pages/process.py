@@ -155,7 +155,7 @@ def _filter_facts(used: summary.FilterUsed | None) -> list[Fact]:
     out = used.outages
     missing = f"longest outage {duration(out.longest_s)}" if out.count else "no outage"
     facts = [
-        Fact("GNSS fixes used", f"{used.epochs_used}", f"{used.epochs_gated} rejected; {missing}")
+        Fact("GNSS epochs used", f"{used.epochs_used}", f"{used.epochs_gated} rejected; {missing}")
     ]
     if used.withheld is not None:
         count = len(used.withheld.outages)
@@ -169,7 +169,7 @@ def _height_facts(height: summary.HeightDamping | None) -> list[Fact]:
     if height is None:
         return []
     value = f"{height.difference_rms_m:.3g} m"
-    return [Fact("Difference from reference", value, f"of height, rms lately, {height.topic}")]
+    return [Fact("Difference from reference", value, f"of height, latest rms, {height.topic}")]
 
 
 def _hse_facts(hse: summary.HseCorrection) -> list[Fact]:

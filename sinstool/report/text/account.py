@@ -68,7 +68,7 @@ def _way(travel: Travel) -> str:
 def _fixes(used: summary.FilterUsed | None) -> str:
     if used is None:
         return ""
-    count = f"{used.epochs_used} GNSS fixes were used"
+    count = f"{used.epochs_used} GNSS epochs were used"
     if used.epochs_gated:
         count += f" and {used.epochs_gated} rejected"
     out = used.outages
@@ -158,23 +158,23 @@ def squares(mean_nis: float) -> str:
     Parameters
     ----------
     mean_nis : float
-        Innovations squared over what was expected.
+        Squared innovations over their expected size.
     """
     factor = mean_nis**0.5
     if mean_nis < LOW_NIS:
         return (
             f"Fixes agree with navigation {1.0 / factor:.2g} times better than the sigmas allow"
-            f" for (innovations squared {mean_nis:.2g} of what was expected): the sigmas of the"
-            " fixes, and those of the solution, are too large. --gnss-noise-scale makes them"
+            f" for (squared innovations {mean_nis:.2g} times as large as expected): the sigmas of"
+            " the fixes, and those of the solution, are too large. --gnss-noise-scale makes them"
             " smaller."
         )
     if mean_nis > HIGH_NIS:
         return (
             f"Fixes disagree with navigation {factor:.2g} times more than the sigmas allow for"
-            f" (innovations squared {mean_nis:.2g} of what was expected): the sigmas of the"
+            f" (squared innovations {mean_nis:.2g} times as large as expected): the sigmas of the"
             " solution are too small. --gnss-noise-scale makes those of the fixes larger."
         )
     return (
-        f"Fixes agree with navigation as the sigmas say: innovations squared are {mean_nis:.2g} of"
-        " what was expected."
+        f"Fixes agree with navigation as the sigmas say: squared innovations are {mean_nis:.2g}"
+        " times as large as expected."
     )

@@ -83,10 +83,12 @@ def _print_imu(imu: InspectedImu | UnusableImu, verbose: bool) -> None:
     for span in spans:
         bias = ", ".join(f"{b:.3e}" for b in span.gyro_bias_rad_s)
         axis = f", gravity on {span.gravity_axis}" if span.gravity_axis else ""
+        turns = "; it turns at this rate, or the gyro's bias is large" if span.turning else ""
         rows.append(
             (
-                "  still",
-                f"{span.duration_s:.1f} s from {span.start_s:.1f} s: mean rate {bias} rad/s{axis}",
+                "  steady" if span.turning else "  still",
+                f"{span.duration_s:.1f} s from {span.start_s:.1f} s: mean rate {bias} rad/s{axis}"
+                + turns,
             )
         )
     if not imu.still:

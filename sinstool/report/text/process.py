@@ -44,7 +44,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
             "alignment",
             f"{align.method} ({align.status}): roll {align.roll_deg:.3f}, pitch"
             f" {align.pitch_deg:.3f}, heading {compass(align.heading_deg, 3)} deg{tilt}"
-            + ("" if align.north_referenced else "; heading is not referenced to north"),
+            + _reference(result),
         ),
         ("gyro bias", _bias(align.gyro_bias_source, bias)),
     ]
@@ -52,7 +52,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
         rows.append(
             (
                 "coning",
-                f"{coning.algorithm}, {coning.samples_per_update} sample(s) an update, gyro"
+                f"{coning.algorithm}, {_samples(coning.samples_per_update)} an update, gyro"
                 f" read as {coning.gyro_kind}",
             )
         )
@@ -83,6 +83,21 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
             rows.append(("coning source", coning.source))
         rows.append(("input sha256", result.input.sha256))
     return rows
+
+
+def _samples(count: int) -> str:
+    return "1 sample" if count == 1 else f"{count} samples"
+
+
+def _reference(result: ProcessResult) -> str:
+    """What a first heading counts from, where that is not north."""
+    if result.alignment.north_referenced:
+        return ""
+    smoothing = result.smoothing
+    magnetometer = None if smoothing is None else smoothing.magnetometer
+    if magnetometer is not None and not magnetometer.refused:
+        return "; the magnetometer corrects heading"
+    return "; heading is not referenced to north"
 
 
 def _bias(source: str, bias: str) -> str:
@@ -153,7 +168,7 @@ def _height(height: summary.HeightDamping) -> list[Row]:
         (
             "height",
             f"held to {height.topic} ({height.damping}), tau {height.tau_s:g} s{k4};"
-            f" {used}{coast}; difference {height.difference_rms_m:.3g} m rms lately",
+            f" {used}{coast}; latest difference {height.difference_rms_m:.3g} m rms",
         ),
         (
             "height at end",
@@ -180,9 +195,9 @@ def _filter(filter_: summary.FilterUsed | None) -> list[Row]:
         ("start", filter_.start.how),
         ("GNSS", f"{filter_.gnss_noise}; {_latency(filter_.gnss_latency)}"),
         (
-            "fixes",
-            f"{used} used, {gated} rejected, {filter_.restarts} restarts; innovations squared"
-            f" {filter_.mean_nis:.2f} of what was expected",
+            "GNSS epochs",
+            f"{used} used, {gated} rejected, {filter_.restarts} restarts; squared innovations"
+            f" {filter_.mean_nis:.2f} times as large as expected",
         ),
         ("biases at end", f"gyro {bias} rad/s; accelerometer {accel} m/s^2 (FRD)"),
     ]
@@ -192,7 +207,7 @@ def _filter(filter_: summary.FilterUsed | None) -> list[Row]:
 def _vehicle(vehicle: VehicleUsed) -> list[Row]:
     """Constraints of a vehicle that were used."""
     rest = f"held at rest for {vehicle.rest_s:.1f} s" if vehicle.rest_s else "never held at rest"
-    rest += f", {vehicle.rest_reason}" if vehicle.rest_reason else ""
+    rest += f" (threshold: {vehicle.rest_reason})" if vehicle.rest_reason else ""
     land = vehicle.land
     if land is None:
         return [("vehicle", f"may slide, {vehicle.reason}; {rest}")]
@@ -224,9 +239,10 @@ def _vehicle(vehicle: VehicleUsed) -> list[Row]:
 def _latency(latency: summary.LatencyUsed) -> str:
     """Latency of the fixes."""
     position, velocity = 1e3 * latency.position_s, 1e3 * latency.velocity_s
-    how = latency.status
+    how = "estimated" if latency.status == "found" else latency.status
     if latency.estimate_s is not None and latency.sigma_s is not None:
-        how += f"; the log shows {1e3 * latency.estimate_s:.1f} +- {1e3 * latency.sigma_s:.1f} ms"
+        how += "" if latency.status == "found" else "; estimated"
+        how += f": {1e3 * latency.estimate_s:.1f} +- {1e3 * latency.sigma_s:.1f} ms"
     elif how == "not observable":
         how += " in this log"
     if abs(position - velocity) < 0.05:
@@ -243,8 +259,8 @@ def _withheld(scores: summary.WithheldScores | None) -> list[Row]:
     in_sigmas = (squares / sum(o.epochs for o in outages)) ** 0.5
     rms = scores.rms_of_largest_horizontal_m
     text = (
-        f"{len(outages)} outages: largest horizontal errors {rms:.3g} m rms; errors over sigma"
-        f" {in_sigmas:.2f} rms, at most {most:.1f} on an axis"
+        f"{len(outages)} outage{'s' * (len(outages) != 1)}: largest horizontal errors {rms:.3g} m"
+        f" rms; errors over sigma {in_sigmas:.2f} rms, at most {most:.1f} on an axis"
     )
     if scores.filter is not None:
         text += f"; unsmoothed {scores.filter.rms_of_largest_horizontal_m:.3g} m rms"

@@ -129,8 +129,13 @@ def test_without_fixes_it_says_so():
     for nothing in (None, replace(gnss, latitude=np.full(len(gnss), np.nan))):
         with pytest.raises(AlignmentError, match="needs GNSS fixes"):
             gnss_fixes(nothing, first, last)
-    with pytest.raises(AlignmentError, match="within the span"):
-        gnss_fixes(gnss, last + 1, last + SECOND)
+    with pytest.raises(
+        AlignmentError, match=r"span.*: the last is 3600\.0 s before the first"
+    ) as e:
+        gnss_fixes(gnss, last + 3600 * SECOND, last + 3700 * SECOND)
+    assert "--gnss-clock-offset" in e.value.hint
+    with pytest.raises(AlignmentError, match=r"span.*: the first is 100\.0 s after the first"):
+        gnss_fixes(gnss, first - 100 * SECOND, first - 50 * SECOND)
 
 
 def blocks_of(imu, size, read):

@@ -70,7 +70,7 @@ def test_example_of_the_command_line():
     assert 1e-5 < rig.orthonormality_error < 3e-4
     (remark,) = rig.remarks()
     share = -3.0 * (0.5774 * np.sqrt(3.0) - 1.0)
-    assert f'{np.degrees(share) * 3600:+.2f}"' in remark
+    assert f"{np.degrees(share) * 3600:+.2f} arcsec" in remark
     assert not Rig(K_G, IDEAL).remarks()
 
 

@@ -163,6 +163,20 @@ def test_a_base_that_moves_is_remarked():
     assert not any("varies" in w for w in judged(sharp(brute_runs())).warnings)
 
 
+def test_runs_that_do_not_belong_together_are_remarked():
+    """Logs of two sites with the latitude of one, say: each run is good, they do not agree."""
+    runs = sharp(brute_runs(), 2.0 * ARCSEC)
+    mixed = [
+        replace(r, heading=r.heading + (-1.0) ** k * 20.0 * ARCSEC) for k, r in enumerate(runs)
+    ]  # fmt: skip
+    found = [w for w in judged(mixed).warnings if "times as much as their own turns" in w]
+    assert len(found) == 1 and "one rig at one site" in found[0]
+    slightly = [
+        replace(r, heading=r.heading + (-1.0) ** k * 3.0 * ARCSEC) for k, r in enumerate(runs)
+    ]
+    assert not any("their own turns" in w for w in judged(slightly).warnings)
+
+
 def test_few_runs():
     two = judged(sharp(brute_runs(rates=RATES[[0, 2]])))
     assert any("scatter of turns alone" in w for w in two.warnings)

@@ -1,5 +1,6 @@
 """What a run holds its height to: which GNSS heights set a barometer, and what is said of it."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
-from sinstool.core.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError, DataError
 from sinstool.core.streams import Baro, GnssEpochs
 from sinstool.methods.height.layout import ChannelSummary, Event
 from sinstool.methods.height.pressure import geopotential, pressure_at
@@ -107,6 +108,34 @@ def test_what_a_barometer_says_of_its_noise(variance, sigma):
     reference, warnings = height_reference(source, options(), 300.0)
     assert reference.sigma == pytest.approx(sigma, rel=0.1)
     assert not warnings
+
+
+def source_of(baro, gnss):
+    aiding = AidingData(gnss=gnss, fix_topic="/fix", barometer=Barometer(baro, "/baro"))
+    return SimpleNamespace(path="a.mcap", aiding=aiding)
+
+
+def test_a_barometer_that_no_fix_falls_into_is_set_by_the_start():
+    """A receiver on another clock must not refuse what the barometer alone can do."""
+    baro, gnss, _ = streams()
+    later = replace(gnss, time_ns=gnss.time_ns + 7200 * 10**9)
+    reference, _ = height_reference(source_of(baro, later), options(), 300.0)
+    assert reference.baro.mode == "init"
+    assert reference.height[0] == pytest.approx(300.0, abs=1.5)
+    with pytest.raises(DataError, match="--baro-ref gnss: the log has no GNSS heights while"):
+        height_reference(source_of(baro, later), options(baro_ref="gnss"), 300.0)
+
+
+@pytest.mark.parametrize("baro_ref", ["auto", "gnss", "init"])
+def test_a_unit_that_no_atmosphere_has_is_named(baro_ref):
+    baro, gnss, _ = streams()
+    spoilt = replace(baro, pressure=100.0 * baro.pressure)
+    chosen = {"vertical": {"height_damping": "baro", "baro_ref": baro_ref},
+              "input": {"baro_unit": "hPa"}}  # fmt: skip
+    with pytest.raises(
+        DataError, match=r"read in hPa as configured, which no atmosphere.*--baro-u"
+    ):
+        height_reference(source_of(spoilt, gnss), build(ProcessConfig, chosen), 300.0)
 
 
 def test_what_is_said_of_a_network():

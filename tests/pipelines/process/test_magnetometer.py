@@ -11,6 +11,7 @@ from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate,
 from sinstool.io.readers import open_log
 from sinstool.io.readers.frames import q_for_log, q_nb_from_log, turn_body
 from sinstool.io.readers.truth import at_times
+from sinstool.pipelines.info.run import inspect
 from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.run import process
 from sinstool.report.text.process import summary_rows
@@ -48,6 +49,28 @@ def turning_log(path, *, iron=(0.0, 0.0, 0.0), bad=False, oriented=False, second
     fields = field_messages("/mag", field=turn_body(field, "flu"), times=time_ns)
     write_log(path, sorted([*messages, *fields], key=lambda m: m.log_ns))
     return q
+
+
+def test_info_says_that_the_magnetometer_will_be_used(tmp_path):
+    """Not that nothing shows north: `process` would then find heading all the same."""
+    turning_log(tmp_path / "log.mcap")
+    said = str(inspect(tmp_path / "log.mcap", ProcessConfig()).process)
+    assert "nothing shows north" not in said
+    assert said.endswith("; heading by the magnetometer /mag, where its field is undisturbed")
+    none = build(ProcessConfig, {"navigation": {"magnetometer": "none"}})
+    said = str(inspect(tmp_path / "log.mcap", none).process)
+    assert "magnetometer" not in said
+
+
+def test_the_first_attitude_does_not_deny_the_magnetometer(tmp_path):
+    turning_log(tmp_path / "log.mcap")
+    result, _ = processed(tmp_path / "log.mcap", tmp_path)
+    alignment = dict(summary_rows(result))["alignment"]
+    assert alignment.endswith("; the magnetometer corrects heading")
+    (tmp_path / "b").mkdir()
+    without, _ = processed(tmp_path / "log.mcap", tmp_path / "b", magnetometer="none")
+    alignment = dict(summary_rows(without))["alignment"]
+    assert alignment.endswith("; heading is not referenced to north")
 
 
 def processed(path, tmp_path, **options):

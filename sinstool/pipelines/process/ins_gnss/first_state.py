@@ -99,8 +99,9 @@ def find_start(
         if not alignment.north_referenced:
             if config.align.align == "auto":
                 raise AlignmentError(
-                    "the log does not show heading, and the filter needs it",
-                    "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING",
+                    "motion and GNSS do not show heading, and the filter needs it",
+                    "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING, or, where"
+                    " gyros measure the Earth's rotation at rest, use --align gyrocompass",
                 )
             raise AlignmentError(
                 f"--align {alignment.method} gives no heading, and the filter needs one",
@@ -123,7 +124,8 @@ def find_start(
     except AlignmentError as exc:
         message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
         hint = exc.hint
-        if config.navigation.imu_grade == "auto" and random_walk(source) is None:
+        unsure = "sigma" in message and config.navigation.imu_grade == "auto"
+        if unsure and random_walk(source) is None:
             hint = (
                 f"{hint or 'give an initial attitude'}, or set the grade of the Imu with"
                 " --imu-grade"
@@ -149,6 +151,15 @@ def _covariance(alignment: Alignment) -> np.ndarray:
     return np.diag(np.square([*tilt, 2.0 * DEGREE if heading is None else heading]))
 
 
+_BIAS = {
+    "alignment": "by the alignment",
+    "rest": "by a rest",
+    "still": "by the rest at the beginning",
+    "given": "as configured",
+    "none": "not known",
+}
+
+
 def _how(alignment: Alignment, covariance: np.ndarray) -> str:
     """Source of the attitude in words."""
     if alignment.method not in IN_FLIGHT or alignment.held_ns is None:
@@ -158,6 +169,6 @@ def _how(alignment: Alignment, covariance: np.ndarray) -> str:
     carried = f"carried {'back' if later >= 0.0 else 'forward'} over {abs(later):.0f} s"
     return (
         f"attitude by {alignment.method} from velocity changes, {carried};"
-        f" gyro bias: {alignment.bias_source}; heading known to"
+        f" gyro bias {_BIAS[alignment.bias_source]}; heading known to"
         f" {np.sqrt(covariance[2, 2]) / DEGREE:.1f} deg"
     )

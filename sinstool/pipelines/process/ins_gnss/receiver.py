@@ -144,7 +144,7 @@ def with_measured_noise(
         start,
         settings=replace(start.settings, gnss=model),
         gnss=epochs,
-        gnss_why=f"{why}; {lasts:.0%} of it lasts, by how fixes change",
+        gnss_why=f"{why}; {lasts:.0%} of the position noise varies slowly, over minutes",
         noisier=(float(noisier[0]), float(noisier[2])),
     )
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import GnssOptions
-from sinstool.core.finding import Finding
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.result import fields_in
 from sinstool.core.rotation import from_dcm
 from sinstool.core.streams import Diagnostics, Imu, Solution, concatenate, take_rows
@@ -441,8 +441,8 @@ class FilterRun(Mode):
         p, s = self._start, summed(self._stretches)
         findings: list[Finding] = []
 
-        def note(kind: str, text: str) -> None:
-            findings.append(Finding(kind, text))
+        def note(kind: str, text: str, severity: Severity = Severity.WARNING) -> None:
+            findings.append(Finding(kind, text, severity))
 
         if self.plan.algorithm.caveat:
             note("coning", self.plan.algorithm.caveat)
@@ -450,14 +450,14 @@ class FilterRun(Mode):
             note(
                 "no-barometer",
                 f"the log has no barometer, so {self.config.filter.filter} runs without its"
-                f" network, as {s.filter}",
+                f" damping network, as {s.filter}",
+                Severity.NOTE,
             )
         if p.offsets is not None and p.latency_status == "found" and p.settings.gnss_latency != 0.0:
             note(
                 "latency-used",
-                f"fixes were found to be valid {p.settings.gnss_latency:+.3f} s before their stamps"
-                f" (sigma {p.offsets.sigma_s * 1e3:.1f} ms) and are used so; --gnss-latency"
-                " overrides this",
+                f"fixes are valid {trust.shift(p.settings.gnss_latency, 'before', 'after')} their"
+                f" stamps (sigma {p.offsets.sigma_s:.4f} s) and are used so; see --gnss-latency",
             )
         noise = np.hypot(p.settings.gnss.position_white, p.settings.gnss.position_markov)
         if p.latency_status != "given":
@@ -466,9 +466,9 @@ class FilterRun(Mode):
         if p.lag != 0.0 and self.config.filter.gnss_velocity_lag is None:
             note(
                 "velocity-lag-used",
-                f"the receiver's velocities are stamped {1e3 * p.lag:+.0f} ms later than its"
-                " positions, and both are used at their own times; --gnss-velocity-lag overrides"
-                " this",
+                f"the receiver's velocities are stamped {trust.shift(p.lag, 'later', 'earlier')}"
+                " than its positions, and both are used at their own times; --gnss-velocity-lag"
+                " overrides this",
             )
         before = (p.time_ns - self.source.survey.first_ns) / SECOND
         if before > 0.0:
@@ -491,7 +491,7 @@ class FilterRun(Mode):
         if s.epochs_gated:
             note(
                 "rejected-fixes",
-                f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} fixes were rejected",
+                f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} GNSS epochs were rejected",
             )
         if p.reference is not None and s.gains is not None:
             texts = height_warnings(s.channel, channel_events_of(self._stretches), before)

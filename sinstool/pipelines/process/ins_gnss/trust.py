@@ -24,6 +24,11 @@ MOST_DRIFT = 2.0
 LEAST_NIS, MOST_NIS = 0.05, 5.0
 
 
+def shift(seconds: float, positive: str, negative: str) -> str:
+    """A time difference in words: its size, and a word for its sign."""
+    return f"{abs(seconds):.3f} s {positive if seconds > 0.0 else negative}"
+
+
 def untrusted(
     gnss: GnssDiagnostics, events: Sequence[FilterEvent], mean_nis: float, first_ns: int
 ) -> list[Finding]:
@@ -69,8 +74,8 @@ def untrusted(
         findings.append(
             Finding(
                 "sigmas-off",
-                f"innovations squared are {mean_nis:.2g} of what was expected: the sigmas of the"
-                f" solution are too {large}",
+                f"squared innovations are {mean_nis:.2g} times as large as expected: the sigmas of"
+                f" the solution are too {large}",
                 answer="--gnss-noise-scale makes the fixes' sigmas "
                 + ("larger" if mean_nis > 1.0 else "smaller"),
                 numbers={"mean_nis": mean_nis},

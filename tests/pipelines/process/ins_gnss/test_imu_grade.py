@@ -7,6 +7,7 @@ from benchmarks.trusted_navigation import process
 from sinstool.core.errors import AlignmentError
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import IMU_GRADES
+from sinstool.pipelines.process.ins_gnss import first_state
 from tests.helpers.filter_logs import simulated, start_of
 from tests.helpers.unseen_drives import (
     GRADES,
@@ -84,18 +85,25 @@ def test_scale_factors_that_little_noise_hides_do_not_refute_sigmas(tmp_path, se
     ("part", "grade", "named"),
     [
         ({"end": "20"}, "auto", False),
-        ({"start": "25"}, "auto", True),
-        ({"start": "25"}, "mems", False),
+        ({"start": "18"}, "auto", True),
+        ({"start": "18"}, "mems", False),
+        # where seven seconds of driving are too few for any grade, none is asked for
+        ({"start": "25"}, "auto", False),
     ],
 )
 def test_a_grade_is_asked_for_where_no_rest_shows_it_and_nothing_starts(
-    tmp_path, part, grade, named
+    tmp_path, monkeypatch, part, grade, named
 ):
-    # Standing shows no heading to a MEMS, nor do seven seconds of driving
     log = simulated(
         tmp_path / "log.mcap", "drive", "--duration", "32", "--still", "15", "--grade", "mems",
         "--rate", "50", "--baro-rate", "0",
     )  # fmt: skip
+    if part == {"start": "18"}:
+
+        def uncertain(*_):
+            raise AlignmentError("the first attitude is unknown: its sigma is 58 deg", "wait")
+
+        monkeypatch.setattr(first_state, "in_flight", uncertain)
     with pytest.raises(AlignmentError) as refused:
         start_of(log, input=part, navigation={"imu_grade": grade})
     assert ("--imu-grade" in refused.value.hint) == named

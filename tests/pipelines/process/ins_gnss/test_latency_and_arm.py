@@ -118,7 +118,7 @@ def test_an_antenna_two_metres_away_is_named_with_its_place(tmp_path, road):
     finding = named(result)["lever-arm"]
     assert finding["numbers"]["forward_m"] == pytest.approx(-2.0, abs=0.2)
     assert "+-" in finding["text"]
-    arm = finding["answer"].removeprefix("--lever-arm ").split(", if")[0]
+    arm = finding["answer"].removeprefix("add --lever-arm ").split(" if")[0]
     off = np.array([float(x) for x in arm.split(",")]) - LEVER
     assert np.all(np.abs(off) < [0.3, 0.3, 0.7])  # a car hardly leans
     # The wrong arm does not become a latency, nor is another one used than was given

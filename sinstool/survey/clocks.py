@@ -1,0 +1,88 @@
+"""The Imu against the receiver: what is wrong of them though each alone seems right.
+
+Their clocks are compared by the times at which both were recorded, and by their turns.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from sinstool.config import InputOptions
+from sinstool.core.errors import DataError
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.streams import GnssEpochs
+from sinstool.core.timeline import SECOND
+from sinstool.survey.aiding import AidingData
+from sinstool.survey.course import RECEIVER_CLOCK, course_findings
+from sinstool.survey.gnss import CONTRADICTS
+from sinstool.survey.imu import Survey
+
+# No message is recorded before it is stamped, but for what two clocks of one machine differ by;
+# receivers and networks deliver some seconds late.
+AHEAD_S, BEHIND_S = 1.0, 5.0
+# Messages, of the quickest, that say what the delay of a topic is at least.
+QUICK = 0.05
+LEAST = 3
+
+
+def against_gnss(
+    path: Path, options: InputOptions, survey: Survey, aiding: AidingData
+) -> list[Finding]:
+    """Compare the clocks of both, and the turns of the gyro with those of the course.
+
+    Parameters
+    ----------
+    path : Path
+        Of the log.
+
+    Raises
+    ------
+    DataError
+        GNSS shows that the Imu's data are in another unit.
+    """
+    findings = clocks_apart(survey, aiding.gnss, aiding.fix_topic)
+    if any(f.kind == CONTRADICTS for f in aiding.findings):
+        return findings  # by a velocity that the fixes deny nothing is judged
+    for finding in course_findings(survey.windows, aiding.gnss, options, survey.topic):
+        if finding.severity == Severity.FAILED:
+            raise DataError(path, finding.text, finding.answer)
+        if all(f.kind != finding.kind for f in findings):
+            findings.append(finding)
+    return findings
+
+
+def clocks_apart(survey: Survey, gnss: GnssEpochs | None, topic: str) -> list[Finding]:
+    """Find stamps of a receiver that are not on the Imu's clock.
+
+    Both topics are recorded by one recorder, so that the times of its log, less the stamps, are
+    the same for both but for the delay of their delivery.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs or None
+        By time.
+    topic : str
+        Of the fixes.
+    """
+    if gnss is None or len(gnss) < LEAST or survey.time_source != "stamp":
+        return []
+    low, high = survey.clock_offset_s
+    delay = float(np.quantile((gnss.log_time_ns - gnss.time_ns) / SECOND, QUICK))
+    if low - AHEAD_S <= delay <= high + BEHIND_S:
+        return []
+    ahead = low - delay
+    shown = f"{abs(ahead):.1f} s {'ahead of' if ahead > 0.0 else 'behind'}"
+    # No message is recorded before it is sent, but a slow link may deliver it late
+    unless = "" if ahead > 0.0 else ", unless they were recorded so late"
+    return [
+        Finding(
+            RECEIVER_CLOCK,
+            f"the stamps of {topic} are {shown} those of the Imu, by the times at which messages"
+            " were recorded: two clocks",
+            answer=f"add --gnss-clock-offset {ahead:.1f}{unless}",
+            topic=topic,
+            numbers={"ahead_s": ahead},
+        )
+    ]

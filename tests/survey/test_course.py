@@ -1,0 +1,165 @@
+"""The course over ground shows the unit and the sense of a gyro, if the nose goes first."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sinstool.config import InputOptions
+from sinstool.core.finding import Severity
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.alignment.still import WindowStage
+from sinstool.survey.course import course_evidence, course_findings, receiver_ahead
+from tests.helpers.imulogs import T0
+from tests.helpers.unseen_drives import DEG, boat, drive, flight, multicopter, walk
+
+DURATION = 240.0
+FLIP = np.diag([1.0, -1.0, -1.0])
+
+
+def windows(truth, gyro=None, accel=None, bias=(0.0, 0.0, 0.0)):
+    """Half-second windows of perfect sensors, spoilt by matrices."""
+    step = float(truth.seconds[1] - truth.seconds[0])
+    rates, force = truth.gyro / step + bias, truth.accel / step
+    stage = WindowStage()
+    times = T0 + np.round(truth.seconds * 1e9).astype(np.int64)
+    stage.push(
+        times[-len(rates) :],
+        rates if gyro is None else rates @ np.asarray(gyro).T,
+        force if accel is None else force @ np.asarray(accel).T,
+    )
+    return stage.finish()
+
+
+def epochs(truth, sigma_v=0.1, late_s=0.0, rate=4.0, velocity=True, seed=1):
+    random = np.random.default_rng(seed)
+    every = round(1.0 / rate / float(truth.seconds[1] - truth.seconds[0]))
+    rows = np.arange(0, len(truth.seconds), every)
+    times = T0 + np.round((truth.seconds[rows] + late_s) * 1e9).astype(np.int64)
+    n = len(rows)
+    v = truth.velocity_n[rows] + sigma_v * random.standard_normal((n, 3))
+    latitude = truth.latitude[rows]
+    longitude = truth.longitude[rows]
+    return GnssEpochs(
+        times, times, latitude, longitude, truth.height[rows],
+        v if velocity else np.full((n, 3), np.nan), np.full((n, 3), 2.0),
+        np.full((n, 3), sigma_v if velocity else np.nan),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def roads():
+    return [drive(seed, DURATION, rest=20.0) for seed in (21, 22, 23)]
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+@pytest.mark.parametrize(("late_s", "bias"), [(0.0, 0.0), (0.4, 0.02)])
+def test_a_right_gyro_turns_as_the_course_does(roads, velocity, late_s, bias):
+    for road in roads:
+        gnss = epochs(road, late_s=late_s, velocity=velocity)
+        evidence = course_evidence(windows(road, bias=(0.0, 0.0, bias)), gnss)
+        assert evidence.ratio == pytest.approx(1.0, abs=0.2), evidence
+        assert not list(course_findings(windows(road), gnss, InputOptions(), "/imu"))
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_wrong_unit_is_refused_or_named(roads, velocity):
+    for road in roads:
+        gnss = epochs(road, velocity=velocity)
+        wrong = windows(road, gyro=np.eye(3) / DEG)
+        (finding,) = course_findings(wrong, gnss, InputOptions(), "/imu")
+        assert finding.severity == Severity.FAILED and "--gyro-unit deg/s" in finding.answer
+        assert "times less than the gyro" in finding.text
+        (finding,) = course_findings(wrong, gnss, InputOptions(gyro_unit="rad/s"), "/imu")
+        assert finding.severity == Severity.WARNING
+        shrunk = windows(road, gyro=np.eye(3) * DEG)
+        (finding,) = course_findings(shrunk, gnss, InputOptions(gyro_unit="deg/s"), "/imu")
+        assert "times more than the gyro" in finding.text
+        assert finding.severity == Severity.WARNING
+
+
+@pytest.mark.parametrize(("gyro", "accel"), [(FLIP, None), (None, -np.eye(3)), (-np.eye(3), None)])
+def test_signs_that_do_not_belong_together(roads, gyro, accel):
+    for road in roads:
+        (finding,) = course_findings(
+            windows(road, gyro, accel), epochs(road), InputOptions(), "/imu"
+        )
+        assert finding.kind == "course-gyro-sense" and finding.severity == Severity.LOST
+        assert finding.numbers["ratio"] == pytest.approx(-1.0, abs=0.2)
+
+
+def test_a_driver_that_doubles_rates(roads):
+    for road in roads:
+        doubled = windows(road, 2.0 * np.eye(3))
+        (finding,) = course_findings(doubled, epochs(road), InputOptions(), "/imu")
+        assert finding.kind == "course-gyro-scale" and finding.severity == Severity.WARNING
+        assert finding.numbers["ratio"] == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_sensor_on_its_head_is_no_contradiction(roads):
+    for road in roads:
+        assert not list(
+            course_findings(windows(road, FLIP, FLIP), epochs(road), InputOptions(), "/imu")
+        )
+
+
+@pytest.mark.parametrize("vehicle", [boat, flight, multicopter, walk])
+@pytest.mark.parametrize("unit", [1.0, DEG])
+def test_vehicles_that_slide_lean_or_go_sideways_are_not_accused(vehicle, unit):
+    for seed in range(3):
+        truth = vehicle(seed, 300.0)
+        found = course_findings(
+            windows(truth, gyro=np.eye(3) * unit), epochs(truth), InputOptions(gyro_unit="deg/s"),
+            "/imu",
+        )  # fmt: skip
+        assert all("times more" in f.text for f in found) if unit != 1.0 else not list(found)
+
+
+def test_too_little_to_tell(roads):
+    gnss = epochs(roads[0])
+    standing = gnss.rows(gnss.time_ns < T0 + 15 * 10**9)
+    assert course_evidence(windows(roads[0]), standing).ratio is None
+    assert course_evidence(windows(roads[0]), None).ratio is None
+    noise = replace(gnss, velocity_n=5.0 * np.random.default_rng(3).standard_normal((len(gnss), 3)))
+    assert course_evidence(windows(roads[0]), noise).ratio is None
+    # stamps that are off by more than a turn takes show nothing of the unit
+    late = replace(gnss, time_ns=gnss.time_ns + 18 * 10**9)
+    assert course_evidence(windows(roads[0]), late).ratio is None
+
+
+@pytest.mark.parametrize("ahead", [18.0, -18.0, 37.0, 5.0, -58.0])
+@pytest.mark.parametrize("velocity", [True, False])
+def test_a_receiver_on_another_clock_is_found_by_its_turns(roads, ahead, velocity):
+    """GPS time and UTC differ by 18 s, TAI by 37 s; no time of recording is needed."""
+    for road in roads:
+        gnss = epochs(road, velocity=velocity)
+        late = replace(gnss, time_ns=gnss.time_ns + round(ahead * 1e9))
+        assert receiver_ahead(windows(road), late) == pytest.approx(ahead, abs=1.0)
+        (finding,) = course_findings(windows(road), late, InputOptions(), "/imu")
+        assert finding.kind == "receiver-clock" and "--gnss-clock-offset" in finding.answer
+        assert receiver_ahead(windows(road), gnss) is None
+
+
+@pytest.mark.parametrize("vehicle", [boat, flight, multicopter, walk])
+def test_no_clock_is_blamed_for_what_does_not_follow_its_nose(vehicle):
+    for seed in range(4):
+        truth = vehicle(seed, 300.0)
+        assert receiver_ahead(windows(truth), epochs(truth)) is None
+
+
+def test_steady_circles_show_no_clock():
+    """They fit at every whole turn, and so at none."""
+    seconds = np.arange(0.0, 300.0, 0.005)
+    course = 2.0 * np.pi * seconds / 20.0 + 0.6 * np.sin(2.0 * np.pi * seconds / 20.0)
+    rate = np.gradient(course, seconds)
+    stage = WindowStage()
+    times = T0 + np.round(seconds * 1e9).astype(np.int64)
+    gyro = np.stack([0.0 * rate, 0.0 * rate, rate], axis=1)
+    stage.push(times, gyro, np.tile([0.0, 0.0, -9.81], (len(rate), 1)))
+    rows = np.arange(0, len(seconds), 200)
+    v = 10.0 * np.stack([np.cos(course[rows]), np.sin(course[rows]), 0.0 * course[rows]], axis=1)
+    n = len(rows)
+    none = np.full((n, 3), np.nan)
+    zero = np.zeros(n)
+    gnss = GnssEpochs(times[rows] + 7 * 10**9, times[rows], zero, zero, zero, v, none, none)
+    assert receiver_ahead(stage.finish(), gnss) is None
