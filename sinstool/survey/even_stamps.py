@@ -214,7 +214,7 @@ def _missing(stamp_ns: IntArray, late: FloatArray, interval_ns: float, nearby: i
         before, after = late[max(missing[-1], row - nearby) : row], late[row : row + nearby]
         # At an end of the log, or soon after a gap, all may be late by chance
         few = min(len(before), len(after)) < nearby
-        most = limit + (max(np.ptp(before), np.ptp(after)) if few else 0.0)
+        most = limit + (3.0 * max(np.ptp(before), np.ptp(after)) if few else 0.0)
         if after.min() - before.min() > most:
             missing.append(row)
     return np.array(missing[1:], dtype=np.int64)
