@@ -438,7 +438,7 @@ def write(path, data, more=()):
     """
     flip = np.array([1.0, -1.0, -1.0]) * RATE
     stamps = T0 + np.round(data.seconds * 1e9).astype(np.int64)
-    rows = _imu_rows(stamps, data.gyro * flip, data.accel * flip)
+    rows = imu_rows(stamps, data.gyro * flip, data.accel * flip)
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start(profile="ros2")
@@ -461,7 +461,7 @@ def write(path, data, more=()):
     return path
 
 
-def _imu_rows(stamps, gyro, accel):
+def imu_rows(stamps, gyro, accel):
     """Messages as rows of bytes: one serialised message, its numbers replaced."""
     marks = np.array([1.5, 2.5, 3.5, 4.5, 5.5, 6.5])
     one = imu_messages([7 * 10**9 + 11], marks[None, :3], marks[None, 3:], q_xyzw=(0, 0, 0, 1))
