@@ -103,6 +103,8 @@ class SensorModel:
         rad/s/sqrt(s).
     bias : float
         Gyro bias at the start, beyond what was removed, rad/s.
+    bias_mean : tuple of float
+        About which it is, body axes, rad/s: the negative of what was removed and is no bias.
     zero_rate : float
         How far the mean rate of an epoch of rest may be from the bias beside its noise, rad/s.
     bias_drift : float
@@ -120,6 +122,7 @@ class SensorModel:
     rate_error: float = 3e-3
     bias_walk: float = 1e-5
     bias: float = 0.03
+    bias_mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
     zero_rate: float = IMU_GRADES["mems"].gyro_instability
     bias_drift: float = 3e-6
     velocity_walk: float = 0.05

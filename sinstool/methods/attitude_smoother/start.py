@@ -62,6 +62,7 @@ def first_state(
     x = np.zeros(state.STATE)
     levelled = tilt is not None and tilt < TILT
     x[:9] = (np.eye(3) if levelled else upright(mean_force(epochs, FIRST_S))).ravel()
+    x[state.B : state.B + 3] = sensors.bias_mean
     variance = np.empty(n)
     variance[:2] = TILT**2
     if tilt is not None and levelled:

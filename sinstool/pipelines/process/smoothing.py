@@ -18,6 +18,8 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.attitude_smoother.epochs import (
+    MOVING,
+    REST,
     SATURATED,
     Epochs,
     EpochStage,
@@ -37,7 +39,7 @@ from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.grade import gyro_walk, sensor_grade
-from sinstool.survey.rest import moving_at
+from sinstool.survey.rest import longest_rest, moving_at
 from sinstool.survey.source import Source, nominal_interval
 
 # Intervals that are integrated across when gravity will put right what that leaves.
@@ -49,6 +51,8 @@ CAUTION = 2.0
 LEAST_STOP = 1.0
 # What the survey calls still for so long, s, is a rest; a hand turns slowly for two seconds.
 LONG_REST_S = 5.0
+# The mean rate of a rest is the bias if so much of it is one.
+LEAST_REST = 0.5
 # What is said of an attitude: tilt less certain than this, rad; shares of the time at the stops.
 UNCERTAIN_TILT = 2.0 * DEGREE
 STOPPED_SHARE, LOST_SHARE = 0.002, 0.03
@@ -141,26 +145,36 @@ class Smoothing:
         )
         epochs = with_rest(stage.finish(), self._gnss_moves, spans)
         give_back()
-        sensors = sensor_model(
-            sensor_grade(self._source, self._config).grade,
-            walk_at_rest=gyro_walk(self._source, self._config),
-            bias_known=alignment.bias_source != "none",
+        grade = sensor_grade(self._source, self._config).grade
+        about: dict[str, Any] = {
+            "walk_at_rest": gyro_walk(self._source, self._config),
             # without a heading the level part of the Earth's rate is taken off in a wrong direction
-            earth_removed=settings.omega_ie_n is not None and alignment.north_referenced,
-        )
+            "earth_removed": settings.omega_ie_n is not None and alignment.north_referenced,
+        }
+        sensors = sensor_model(grade, bias_known=alignment.bias_source != "none", **about)
         if alignment.gyro_bias_sigma is not None:
             bias = CAUTION * alignment.gyro_bias_sigma
             sensors = replace(sensors, bias=min(sensors.bias, bias))
         chosen = self._config.navigation.motion
         motion_class = None if chosen == "auto" else chosen
-        looks_at_rest = epochs.rest
-        epochs = confirmed(epochs, sensors, _first_tilt(alignment))
+        looks_at_rest, first_tilt = epochs.rest, _first_tilt(alignment)
+        seen, epochs = epochs, confirmed(epochs, sensors, first_tilt)
+        inside = self._bias_epochs(epochs)
+        if inside.any() and np.mean(epochs.at_rest[inside]) < LEAST_REST:
+            # What the mean rate of a turn is taken for is neither a bias nor, at first, a tilt
+            sensors = sensor_model(grade, bias_known=False, **about)
+            removed = -alignment.gyro_bias
+            sensors = replace(sensors, bias_mean=tuple(removed.tolist()))
+            first_tilt = None if alignment.bias_source == "still" else first_tilt
+            if np.mean(epochs.rest[inside]) < LEAST_REST:
+                seen.values[inside, REST] = MOVING
+            epochs = confirmed(seen, sensors, first_tilt)
         motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
         prior = Prior(
             heading or 0.0,
-            _first_tilt(alignment),
+            first_tilt,
             None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
         )
         epochs = with_steady(epochs, looks_at_rest, motion.model, sensors, prior)
@@ -209,6 +223,17 @@ class Smoothing:
             return None
         speeds = np.linalg.norm(gnss.velocity_n[gnss.has_velocity, :2], axis=1)
         return float(np.quantile(speeds, 0.95))
+
+    def _bias_epochs(self, epochs: Epochs) -> np.ndarray:
+        """Which epochs lie in the rest whose mean rate was taken for the bias, shape (n,)."""
+        source, of = self._source, self._plan.alignment.bias_source
+        span = source.survey.lead_in if of == "still" else None
+        if of == "rest":
+            span = longest_rest(source.survey.spans, source.aiding.gnss)
+        if span is None:
+            return np.zeros(len(epochs), np.bool_)
+        begins, ends = epochs.time_ns[:-1], epochs.time_ns[1:]
+        return (begins >= span.start_ns) & (ends <= span.end_ns) & ~epochs.gap
 
     def _gnss_moves(self, start_ns: int, end_ns: int) -> bool:
         return moving_at(self._source.aiding.gnss, start_ns, end_ns) is not None

@@ -255,3 +255,34 @@ def test_long_turns_without_a_rest_are_named(tmp_path, turning_s, named):
     kinds = [one["kind"] for one in summary["findings"]]
     assert "no-rest" in kinds
     assert ("long-turns" in kinds) == named
+
+
+def circling(seconds, turns, seed=5, speed=60.0):
+    """An aircraft in smooth air, that banks as it turns: seconds to rates of turn, rad/s."""
+    random = np.random.default_rng(seed)
+    t = np.arange(-1, round(seconds * RATE)) / RATE
+    rate = np.zeros_like(t)
+    for begin, end, turn in turns:
+        rate += turn * (np.clip((t - begin) / 3.0, 0.0, 1.0) - np.clip((t - end) / 3.0, 0.0, 1.0))
+    yaw = np.cumsum(rate) / RATE
+    bank = -np.arctan(speed * rate / G)
+    attitude = Rotation.from_euler("ZYX", np.stack([yaw, 0.0 * yaw, bank], axis=1))
+    velocity = speed * np.stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw], axis=1)
+    turned = (attitude[:-1].inv() * attitude[1:]).as_rotvec() * RATE
+    half = attitude[:-1] * Rotation.from_rotvec(0.5 * turned / RATE)
+    gyro = turned + BIAS + 2e-3 * random.standard_normal(turned.shape)
+    accel = half.inv().apply(np.diff(velocity, axis=0) * RATE + [0.0, 0.0, G])
+    accel += 2e-2 * random.standard_normal(turned.shape)
+    return Hand(even_times(len(gyro), RATE), gyro, accel, attitude[1:])
+
+
+def test_a_steady_turn_at_the_beginning_gives_no_bias(tmp_path):
+    """It looks like a rest, which what follows refutes: so are its mean rate and its tilt."""
+    turns = [(-5.0, 12.0, 0.03), (40.0, 60.0, -0.05), (90.0, 100.0, 0.06), (130.0, 160.0, -0.02)]
+    summary, off, covariance = smoothed(tmp_path, circling(200.0, turns))
+    assert summary["alignment"]["gyro_bias_source"] == "still"
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
+    found = np.array(summary["smoothing"]["gyro_bias_rad_s"]) * [1.0, -1.0, -1.0]
+    limit = 3.0 * np.array(summary["smoothing"]["gyro_bias_sigma_rad_s"])
+    assert (np.abs(found - BIAS) < limit).all()
