@@ -315,9 +315,19 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
         )
     if source.survey.duration_s < SHORTEST_S:
         return Choice("inertial", f"as the log is shorter than {SHORTEST_S:g} s", option)
-    if grade == "navigation":
+    if grade == "navigation" and _holds_alone(source, config):
         return Choice("inertial", "as the gyros are of navigation grade", option)
     return Choice("smoothed", "as gravity holds roll and pitch better than the gyros", option)
+
+
+def _holds_alone(source: Source, config: ProcessConfig) -> bool:
+    """Whether good gyros hold an attitude: it begins right, and the Earth's rate is taken off.
+
+    Without a latitude it turns by 15 deg/h; that of a moving first second is degrees off.
+    """
+    survey = source.survey
+    levelled = survey.lead_in is not None or survey.oriented or source.aiding.gnss is not None
+    return source.latitude is not None and (levelled or config.align.align != "auto")
 
 
 def _imu_noise(source: Source, config: ProcessConfig) -> Choice:

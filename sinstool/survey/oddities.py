@@ -35,6 +35,8 @@ LEAST_GRAVITY = 0.7
 # m/s^2: less is no gravity, read as it is; and how near to gravity increments come by it.
 WEIGHTLESS = 0.8
 INCREMENT = 0.05
+# Of the mean specific force of half a second, as a rule, m/s^2.
+GRAVITY_SIZES = 7.0, 13.0
 # Rates of a moving vehicle that never exceed this, deg/s, are suspect; and how much the mean
 # specific force of half a second varies in motion, as a share of its size.
 SLOW_DEG_S = 3.0
@@ -124,12 +126,24 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             " driver has removed gravity, or the data are empty",
             answer="tilt cannot be had from it; use --align log or --align fixed",
         )
-    elif not 7.0 < force < 13.0:
+    elif _odd_size(s):
         yield Finding(
             "gravity-size",
             f"topic {s.topic}: the specific force is mostly {force:.2f} m/s^2 in size, not 9.8",
             answer="check its unit with --accel-unit",
         )
+
+
+def _odd_size(s: Survey) -> bool:
+    """Whether the specific force is not of gravity's size.
+
+    Vibration makes single samples larger, so the means of half a second count. What circles for
+    minutes feels more than gravity: there the means of twenty seconds in axes that do not turn are
+    of gravity's size.
+    """
+    size = float(np.median(np.linalg.norm(s.windows.accel, axis=1)))
+    usual = GRAVITY_SIZES[0] < size < GRAVITY_SIZES[1]
+    return not (usual or s.gyro_unit.misfit_radians < LEAST_MISFIT)
 
 
 def _degrees(s: Survey) -> Iterator[Finding]:

@@ -414,3 +414,16 @@ def test_rates_named_deg_s_that_are_tiny_in_motion_are_questioned(findings_of):
     assert "never exceed 0.51 deg/s in a log that moves" in odd.text
     still = imu_messages(even_times(4000), *resting(4000))
     assert "gyro-unit" not in findings_of(still, gyro_unit="deg/s")
+
+
+def test_vibration_and_long_turns_are_no_odd_size_of_gravity(rows, findings_of):
+    """13.7 m/s^2 in the median of samples, of which the means are gravity; a turn of 50 deg."""
+    t = np.arange(N) / 100.0
+    rows.accel[:, 0] += 16.0 * np.sign(np.sin(2.0 * np.pi * 23.0 * t))
+    assert "gravity-size" not in findings_of(rows)
+    rows.accel[:, 0] -= 16.0 * np.sign(np.sin(2.0 * np.pi * 23.0 * t))
+    bank, speed = np.deg2rad(50.0), 20.0
+    turn = G * np.tan(bank) / speed
+    rows.gyro = np.tile([0.0, -turn * np.sin(bank), turn * np.cos(bank)], (N, 1))
+    rows.accel = np.tile([0.0, 0.0, G / np.cos(bank)], (N, 1))
+    assert "gravity-size" not in findings_of(rows)

@@ -204,6 +204,23 @@ def test_the_plan_says_what_holds_the_attitude(tmp_path, arguments, options, val
     assert plan.gyro_samples.value == ("mean-rate" if value == "smoothed" else "rate")
 
 
+def test_navigation_grade_is_held_up_where_nothing_shows_the_earths_rate(tmp_path):
+    """15 deg/h, and the first tilt of a log that begins in motion, are not for gyros to undo."""
+    log = circling(60.0, [(20.0, 30.0, 0.05)])
+    path = imu_log(tmp_path / "in.mcap", log.time_ns, log.gyro, log.accel)
+    good = {"imu_grade": "navigation"}
+
+    def attitude(**groups):
+        return plan_of(path, build(ProcessConfig, {"navigation": good, **groups})).attitude.value
+
+    there, moving = {"latitude": 48.0}, {"input": {"start": "21"}}
+    assert attitude() == "smoothed"
+    assert attitude(align=there) == "inertial"
+    assert attitude(align=there, **moving) == "smoothed"
+    given = {"align": "fixed", "initial_attitude": (0.0, 0.0, 0.0)}
+    assert attitude(align=there | given, **moving) == "inertial"
+
+
 def test_without_gravity_nothing_can_be_held_up(tmp_path):
     log = hand(20.0)
     accel = 0.3 * (log.accel - log.attitude.inv().apply([0.0, 0.0, G]))
