@@ -10,7 +10,6 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import EARTH_RATE
-from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import Grade, grade_by_bias, grade_by_noise
 from sinstool.survey.rest import longest_rest
@@ -91,7 +90,8 @@ def random_walks(source: Source, least_s: float = 0.0) -> tuple[float, float] | 
     if not spans:
         return None
     longest = max(spans, key=lambda s: s.samples)
-    axis = np.sqrt(source.survey.interval_ns / SECOND / 3.0)
+    # the mean interval, as the median of stamps that come in bursts says nothing
+    axis = np.sqrt(longest.duration_s / longest.samples / 3.0)
     return float(longest.gyro_std * axis), float(longest.accel_std * axis)
 
 

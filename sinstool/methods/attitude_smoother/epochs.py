@@ -28,8 +28,8 @@ DV, DP = map(np.int64, (2, 5))
 GYRO, ACCEL, GYRO_VARIANCE, ACCEL_VARIANCE, COUNT = 20, 23, 26, 29, 32
 OWN_RATE, SWAY_RATE, SWAY_FORCE, RATE_DOUBT = 33, 34, 35, 36
 TURNED: Any = np.int64(37)
-TURN_DOUBT, FORCE_DOUBT = 40, 41
-WIDTH = 42
+TURN_DOUBT, FORCE_DOUBT, UNEVEN = 40, 41, 42
+WIDTH = 43
 # What an epoch is. It does not turn where it is quiet, nor accelerate where it is steady, nor move
 # at rest.
 MOVING, QUIET, STEADY, AT_REST = range(4)
@@ -59,7 +59,8 @@ class Epochs:
         mean rate and the mean specific force from epoch to epoch; where a rest is to be confirmed,
         how far sway may have left the mean rate from the bias, as a variance; in navigation axes
         the angle turned (rad), a mean over `WAY_TURNS` epochs; variances of a turn about the
-        vertical that looks like none, and of an acceleration that does.
+        vertical that looks like none, and of an acceleration that does; square of the angle by
+        which uneven stamps and an even clock differ (rad^2).
     omega_in_n : ndarray, shape (3,)
         What the integration took for the rate of NED, rad/s.
     """
@@ -198,9 +199,18 @@ def turns_of_way(angle: FloatArray) -> FloatArray:
 
 @part()
 def _close(row: FloatArray) -> None:
-    """Make variances of the sums of squares."""
+    """Make variances of the sums of squares, and compare the stamps with an even clock.
+
+    Sensors sample evenly, whatever stamps say: those of receipt jitter and come in bursts, and
+    where samples are lost the next one does not show what was turned meanwhile. Over an epoch the
+    angle that was integrated differs from that by equal intervals by as much as may be wrong.
+    """
     for a in range(6):
         row[GYRO_VARIANCE + a] /= max(row[COUNT] - 1.0, 1.0)
+    for a in range(3):
+        off = row[TURNED + a] - row[GYRO + a] * row[DURATION]
+        row[UNEVEN] += off * off
+        row[TURNED + a] = 0.0
 
 
 @part()
@@ -319,6 +329,7 @@ def _accumulate(
             for a in range(3):
                 rate = omega[i, a] - turned[a]
                 row[W2] += rate * rate * dt
+                row[TURNED + a] += rate * dt  # until the epoch ends
                 delta = rate - row[GYRO + a]
                 row[GYRO + a] += delta / row[COUNT]
                 row[GYRO_VARIANCE + a] += delta * (rate - row[GYRO + a])
@@ -375,6 +386,7 @@ def merged(epochs: Epochs, length: int, by_kind: bool = False) -> Epochs:
         slice(DV, DV + 3),
         slice(JB, SATURATED + 1),
         slice(TURNED, TURNED + 3),
+        slice(UNEVEN, UNEVEN + 1),
     ):
         together[:, columns] = np.add.reduceat(rows[:, columns], first, axis=0)
     many = np.diff(first, append=len(rows))

@@ -27,6 +27,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     SWAY_RATE,
     TURN_DOUBT,
     TURNED,
+    UNEVEN,
     W2,
 )
 from sinstool.methods.attitude_smoother.heading_update import measure_heading
@@ -402,6 +403,7 @@ def predict_state(
         _crossed(x[V], x[V + 1], x[V + 2], f, XV)
         missed = STOP_RATE * row[SATURATED]
         spread = par[WALK] ** 2 * t + par[RATE_ERROR] ** 2 * row[W2] + missed * missed
+        spread += row[UNEVEN]
         for i in range(3):
             q[i, i] = spread
         _spread(x[V], x[V + 1], x[V + 2], spread, q, XV)
