@@ -22,18 +22,19 @@ from sinstool.methods.attitude_smoother.model import (
 from sinstool.methods.attitude_smoother.start import filtered
 
 # A vehicle must explain a moving epoch better by so much, in nat, or a moving second, where
-# a smooth road shows no more than slow accelerations; between half and one and a half times that
-# the choice is not sure. Recorded hands come to 0.1 and 1.6 at most, drones that hover in a room to
+# a smooth road shows no more than slow accelerations; between 0.6 and 1.4 times that the choice
+# is not sure. Recorded hands come to 0.1 and 1.6 at most, drones that hover in a room to
 # 1 and 5, cars and ships to 3, or 16, and more; gentle cars with MEMS sensors to no more than 0.04,
 # or 2.6.
 # Doubt goes to the vehicle: its model is tenths of a degree off on a hand and has wide sigmas, a
 # hand's is a degree off on a car, by several of its sigmas.
-MARGIN, SECOND_MARGIN = 0.5, 2.2
-UNSURE = 0.5
+MARGIN, SECOND_MARGIN = 0.4, 1.76
+UNSURE = 0.4
 # Limit of the margin, nat: beyond it the filter of the other model diverged.
 LARGEST_MARGIN = 1000.0
-# Some times that a hand goes round and about, s.
-SHORTEST_S = 15.0
+# Some times that a hand goes round and about, s; so long a vehicle that is gentle may, too, and
+# a vehicle must be so much the less likely, nat per moving epoch.
+SHORTEST_S, SHORT_S, SHORT_MARGIN = 15.0, 45.0, 0.1
 # Faster than this it is not a hand, m/s.
 HAND_SPEED = 4.0
 # Moving epochs that are looked at: ten minutes, in so many stretches.
@@ -118,7 +119,8 @@ def find_motion(
         list(pool.map(lambda one: search.best(*one), pairs))
     if name is None:
         margin = max(search.margin(1), search.margin(SECOND) * MARGIN / SECOND_MARGIN)
-        short = moving * EPOCH_S < SHORTEST_S
+        enough = SHORTEST_S if margin < SHORT_MARGIN else SHORT_S
+        short = moving * EPOCH_S < enough
         name = "vehicle" if short or margin > MARGIN else "hand"
     if name == "hand":
         density = min(max(search.best(HAND, 1)[0], HAND_RANGE[0]), HAND_RANGE[1])

@@ -29,6 +29,7 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 from sinstool.methods.attitude_smoother.filter_step import ACCELERATES, DENIED, SWAY_LASTS
 from sinstool.methods.attitude_smoother.model import GRAVITY, MotionModel, SensorModel
+from sinstool.methods.attitude_smoother.motion import find_motion
 from sinstool.methods.attitude_smoother.rest import (
     LONG_WINDOW,
     LULL,
@@ -108,6 +109,41 @@ def with_steady(
             hidden = float(np.mean(tilted[begin:end]))
             values[begin:end, FORCE_DOUBT] = hidden * (end - begin)
     return replace(epochs, values=values)
+
+
+def turning(
+    epochs: Epochs, motion: MotionModel, sensors: SensorModel, prior: Prior = NO_PRIOR
+) -> np.ndarray:
+    """Quiet epochs of a vehicle that never rests whose rate is that of a turn, not of a bias.
+
+    Nothing has shown the bias before the first of them, so no filter could refute it. What does is
+    the bias of an attitude that was smoothed with all of them in motion.
+
+    Parameters
+    ----------
+    epochs : Epochs
+        As :func:`with_steady` leaves them.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    kinds = epochs.values[:, REST]
+    turns = np.zeros(len(kinds), np.bool_)
+    quiet = [run for run in runs(kinds == QUIET) if run[1] - run[0] >= LULL]
+    if motion.c0 or not quiet or (kinds > QUIET).any():
+        return turns
+    values = epochs.values.copy()
+    values[:, REST] = MOVING
+    moving = replace(epochs, values=values)
+    alone = smooth(moving, find_motion(moving, sensors, "vehicle").model, sensors, prior)
+    alone = alone.at(epochs.time_ns)
+    for begin, end in quiet:
+        rate = values[begin:end, GYRO : GYRO + 3] - alone.gyro_bias[begin:end]
+        sigma = alone.gyro_bias_sigma[begin:end].mean(axis=0)
+        variance = sigma**2 + sensors.zero_rate**2 + TRANSPORT_RATE**2
+        turns[begin:end] = np.any(rate.mean(axis=0) ** 2 > DENIED * variance)
+    return turns
 
 
 def _agrees(

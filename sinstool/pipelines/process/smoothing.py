@@ -27,13 +27,14 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 from sinstool.methods.attitude_smoother.model import (
     LARGE_BIAS,
+    SensorModel,
     sensor_model,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
 from sinstool.methods.attitude_smoother.start import Prior
-from sinstool.methods.attitude_smoother.steady import with_steady
+from sinstool.methods.attitude_smoother.steady import turning, with_steady
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
@@ -116,7 +117,7 @@ class Smoothing:
 
     def find_out(self, blocks: Iterable[Imu]) -> None:
         """Integrate the attitude and compute its correction."""
-        settings, alignment = self._settings, self._plan.alignment
+        settings = self._settings
         stage = EpochStage(
             settings.max_gap_ns,
             self._stops(),
@@ -145,39 +146,7 @@ class Smoothing:
         )
         epochs = with_rest(stage.finish(), self._gnss_moves, spans)
         give_back()
-        grade = sensor_grade(self._source, self._config).grade
-        about: dict[str, Any] = {
-            "walk_at_rest": gyro_walk(self._source, self._config),
-            # without a heading the level part of the Earth's rate is taken off in a wrong direction
-            "earth_removed": settings.omega_ie_n is not None and alignment.north_referenced,
-        }
-        sensors = sensor_model(grade, bias_known=alignment.bias_source != "none", **about)
-        if alignment.gyro_bias_sigma is not None:
-            bias = CAUTION * alignment.gyro_bias_sigma
-            sensors = replace(sensors, bias=min(sensors.bias, bias))
-        chosen = self._config.navigation.motion
-        motion_class = None if chosen == "auto" else chosen
-        looks_at_rest, first_tilt = epochs.rest, _first_tilt(alignment)
-        seen, epochs = epochs, confirmed(epochs, sensors, first_tilt)
-        inside = self._bias_epochs(epochs)
-        if inside.any() and np.mean(epochs.at_rest[inside]) < LEAST_REST:
-            # What the mean rate of a turn is taken for is neither a bias nor, at first, a tilt
-            sensors = sensor_model(grade, bias_known=False, **about)
-            removed = -alignment.gyro_bias
-            sensors = replace(sensors, bias_mean=tuple(removed.tolist()))
-            first_tilt = None if alignment.bias_source == "still" else first_tilt
-            if np.mean(epochs.rest[inside]) < LEAST_REST:
-                seen.values[inside, REST] = MOVING
-            epochs = confirmed(seen, sensors, first_tilt)
-        motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
-        heading = alignment.sigma_rad[2] if alignment.north_referenced else None
-        latitude, height = self._source.latitude, self._source.position[2]
-        prior = Prior(
-            heading or 0.0,
-            first_tilt,
-            None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
-        )
-        epochs = with_steady(epochs, looks_at_rest, motion.model, sensors, prior)
+        epochs, motion, sensors, prior = self._understood(epochs)
         correction = smooth(epochs, motion.model, sensors, prior)
         if self._magnetic is not None:
             north = self._magnetic.north(epochs, correction.at(epochs.time_ns))
@@ -223,6 +192,58 @@ class Smoothing:
             return None
         speeds = np.linalg.norm(gnss.velocity_n[gnss.has_velocity, :2], axis=1)
         return float(np.quantile(speeds, 0.95))
+
+    def _understood(self, seen: Epochs) -> tuple[Epochs, Motion, SensorModel, Prior]:
+        """The epochs with rest marked, the kind of motion, and what is known of the sensors.
+
+        Parameters
+        ----------
+        seen : Epochs
+            With those marked that look like rest.
+        """
+        grade = sensor_grade(self._source, self._config).grade
+        alignment, omega = self._plan.alignment, self._settings.omega_ie_n
+        about: dict[str, Any] = {
+            "walk_at_rest": gyro_walk(self._source, self._config),
+            # without a heading the level part of the Earth's rate is taken off in a wrong direction
+            "earth_removed": omega is not None and alignment.north_referenced,
+        }
+        sensors = sensor_model(grade, bias_known=alignment.bias_source != "none", **about)
+        if alignment.gyro_bias_sigma is not None:
+            bias = CAUTION * alignment.gyro_bias_sigma
+            sensors = replace(sensors, bias=min(sensors.bias, bias))
+        heading = alignment.sigma_rad[2] if alignment.north_referenced else None
+        latitude, height = self._source.latitude, self._source.position[2]
+        prior = Prior(
+            heading or 0.0,
+            _first_tilt(alignment),
+            None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
+        )
+        epochs, motion = self._judged(seen, sensors, prior)
+        inside = self._bias_epochs(epochs)
+        if inside.any() and np.mean(epochs.at_rest[inside]) < LEAST_REST:
+            # What the mean rate of a turn is taken for is neither a bias nor, at first, a tilt
+            sensors = sensor_model(grade, bias_known=False, **about)
+            removed = -alignment.gyro_bias
+            sensors = replace(sensors, bias_mean=tuple(removed.tolist()))
+            if alignment.bias_source == "still":
+                prior = replace(prior, tilt=None)
+            if np.mean(epochs.rest[inside]) < LEAST_REST:
+                seen.values[inside, REST] = MOVING
+            epochs, motion = self._judged(seen, sensors, prior)
+        turns = turning(epochs, motion.model, sensors, prior)
+        if turns.any():
+            seen.values[turns, REST] = MOVING
+            epochs, motion = self._judged(seen, sensors, prior)
+        return epochs, motion, sensors, prior
+
+    def _judged(self, seen: Epochs, sensors: SensorModel, prior: Prior) -> tuple[Epochs, Motion]:
+        """The kind of motion, and of what looks like rest, by all that is known of the log."""
+        chosen = self._config.navigation.motion
+        motion_class = None if chosen == "auto" else chosen
+        epochs = confirmed(seen, sensors, prior.tilt)
+        motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
+        return with_steady(epochs, seen.rest, motion.model, sensors, prior), motion
 
     def _bias_epochs(self, epochs: Epochs) -> np.ndarray:
         """Which epochs lie in the rest whose mean rate was taken for the bias, shape (n,)."""
