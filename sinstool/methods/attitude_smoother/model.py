@@ -6,6 +6,9 @@ from dataclasses import dataclass, replace
 from math import hypot, sqrt
 from typing import Literal
 
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import EARTH_RATE
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade
 
@@ -114,6 +117,9 @@ class SensorModel:
     accel_bias : float
         m/s^2. A level bias looks like a tilt: of a vehicle it is a state, otherwise it is added to
         the covariance of tilt.
+    poor_accel_bias : float
+        That of accelerometers as badly calibrated as the gyros are seen to be, m/s^2. Where it is
+        larger, an attitude is less certain, as far as motion has not shown the bias.
     gravity, gravity_walk : float
         Vertical excess of the specific force at the start, m/s^2, and its walk, m/s^2/sqrt(s).
     """
@@ -127,6 +133,7 @@ class SensorModel:
     bias_drift: float = 3e-6
     velocity_walk: float = 0.05
     accel_bias: float = 0.03
+    poor_accel_bias: float = 0.0
     gravity: float = 0.2
     gravity_walk: float = 0.02
 
@@ -137,6 +144,23 @@ _MEMS_BIAS_AFTER_REST = 5e-3
 _SHORT_REST_S = 5.0
 # A bias as uncertain as this makes a first pass linear about a wrong attitude, rad/s.
 LARGE_BIAS = 0.01
+
+
+# Accelerometers are as little calibrated as the gyros beside them: of low-cost Imus the largest
+# biases that data sheets allow come to 2 to 20 m/s^2 for each rad/s of the gyros'.
+ACCEL_BIAS_OF_GYRO = 7.0
+
+
+def with_bias_seen(sensors: SensorModel, gyro_bias: FloatArray) -> SensorModel:
+    """The same sensors, whose accelerometers may be as badly calibrated as their gyros are.
+
+    Parameters
+    ----------
+    gyro_bias : ndarray, shape (3,)
+        That a rest has shown, rad/s.
+    """
+    usual = float(np.sqrt(np.mean(np.square(gyro_bias))))
+    return replace(sensors, poor_accel_bias=ACCEL_BIAS_OF_GYRO * usual)
 
 
 def sensor_model(

@@ -34,7 +34,7 @@ UNSURE = 0.4
 LARGEST_MARGIN = 1000.0
 # Some times that a hand goes round and about, s; so long a vehicle that is gentle may, too, and
 # a vehicle must be so much the less likely, nat per moving epoch.
-SHORTEST_S, SHORT_S, SHORT_MARGIN = 15.0, 45.0, 0.1
+SHORTEST_S, SHORT_S, SHORT_MARGIN = 15.0, 60.0, 0.1
 # Faster than this it is not a hand, m/s.
 HAND_SPEED = 4.0
 # Moving epochs that are looked at: ten minutes, in so many stretches.

@@ -177,13 +177,17 @@ def smooth(
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
     if motion.finds_bias:
-        sigma = sqrt(np.mean(covariance[-1, BIASES]))
+        shown = covariance[-1, BIASES]
+        left = _of_poor(shown, sensors)
+        sigma = sqrt(np.mean(left))
+        attitude[:, [0, 1], [0, 1]] += np.mean(left - shown) / GRAVITY**2
         # What the gyros' axes are off those of the accelerometers: the tilt of a vehicle that turns
         # about is one about the gyros' vertical.
         attitude[:, [0, 1], [0, 1]] += sensors.rate_error**2
     else:
         # The bias of a level accelerometer looks like a tilt.
-        sigma = _accel_bias(sensors.accel_bias, _gravity_shown(epochs, smoothed), prior.gravity)
+        grade = max(sensors.accel_bias, sensors.poor_accel_bias) if sensors.accel_bias else 0.0
+        sigma = _accel_bias(grade, _gravity_shown(epochs, smoothed), prior.gravity)
         attitude[:, [0, 1], [0, 1]] += (sigma / GRAVITY) ** 2
     attitude[:, 2, 2] += prior.heading**2 if north is None else north.variance
     # No heading is less certain than one that is uniform over a whole turn.
@@ -295,6 +299,20 @@ def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
         return float(np.median(np.linalg.norm(force, axis=1)))
     excess = float(np.median(smoothed[:, state.G]))
     return GRAVITY + min(max(excess, -LIKELY_EXCESS), LIKELY_EXCESS)
+
+
+def _of_poor(shown: FloatArray, sensors: SensorModel) -> FloatArray:
+    """Variances of the accelerometers' biases that are left if they are as poor as the gyros.
+
+    Parameters
+    ----------
+    shown : ndarray, shape (3,)
+        Those left of the biases that their grade allows, m^2/s^4.
+    """
+    if sensors.poor_accel_bias <= sensors.accel_bias:
+        return shown
+    information = np.maximum(1.0 / shown - 1.0 / sensors.accel_bias**2, 0.0)
+    return np.asarray(1.0 / (information + 1.0 / sensors.poor_accel_bias**2))
 
 
 def _accel_bias(

@@ -29,6 +29,7 @@ from sinstool.methods.attitude_smoother.model import (
     LARGE_BIAS,
     SensorModel,
     sensor_model,
+    with_bias_seen,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
@@ -212,6 +213,7 @@ class Smoothing:
         if alignment.gyro_bias_sigma is not None:
             bias = CAUTION * alignment.gyro_bias_sigma
             sensors = replace(sensors, bias=min(sensors.bias, bias))
+        sensors = with_bias_seen(sensors, alignment.gyro_bias)
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
         prior = Prior(
