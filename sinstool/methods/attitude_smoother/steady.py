@@ -50,6 +50,8 @@ GOOD_ACCEL_BIAS = 0.02
 # A tilt less certain than this, as level specific force in m/s^2, leaves room for an acceleration,
 # beside twice what constant errors of the sensors make it.
 KNOWN_TILT = 0.065
+# Motion that is so much gentler with a turn than with a bias makes the turn likelier by far.
+GENTLER = 1.5
 
 
 def with_steady(
@@ -136,13 +138,15 @@ def turning(
     values = epochs.values.copy()
     values[:, REST] = MOVING
     moving = replace(epochs, values=values)
-    alone = smooth(moving, find_motion(moving, sensors, "vehicle").model, sensors, prior)
-    alone = alone.at(epochs.time_ns)
+    gentle = find_motion(moving, sensors, "vehicle").model
+    alone = smooth(moving, gentle, sensors, prior).at(epochs.time_ns)
+    # with a wrong bias, motion seems to be wilder than it is, at every epoch
+    limit = ACCELERATES if GENTLER * gentle.density < motion.density else DENIED
     for begin, end in quiet:
         rate = values[begin:end, GYRO : GYRO + 3] - alone.gyro_bias[begin:end]
         sigma = alone.gyro_bias_sigma[begin:end].mean(axis=0)
         variance = sigma**2 + sensors.zero_rate**2 + TRANSPORT_RATE**2
-        turns[begin:end] = np.any(rate.mean(axis=0) ** 2 > DENIED * variance)
+        turns[begin:end] = np.any(rate.mean(axis=0) ** 2 > limit * variance)
     return turns
 
 

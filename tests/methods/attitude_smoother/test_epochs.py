@@ -1,9 +1,11 @@
 """Epochs of solutions: gyros at their stops, and logs without any."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from sinstool.methods.attitude_smoother.epochs import SATURATED, STOP_RUN, EpochStage
+from sinstool.methods.attitude_smoother.epochs import SATURATED, STOP_RUN, UNEVEN, EpochStage
 from tests.helpers.matched_motion import MAX_GAP_NS, solution_of
 
 DT = 0.02
@@ -68,3 +70,46 @@ def test_of_nothing_there_are_no_epochs():
     stage.push(one)
     epochs = stage.finish()
     assert len(epochs) == 0 and len(epochs.time_ns) == 1
+
+
+def uneven(stamps, seed=0):
+    """Angle by which epochs of a gyro that swings are uncertain for their stamps, rad, RMS."""
+    t = np.arange(0.0, 40.0, DT)
+    gyro = np.stack([np.sin(7.0 * t), np.cos(5.0 * t), np.sin(3.0 * t)], axis=1)
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t) + 1, 1))
+    solution = solution_of(DT, q, gyro, np.zeros((len(gyro), 3)))
+    stage = EpochStage(10 * MAX_GAP_NS, np.full(3, np.inf))
+    rows = stamps(np.random.default_rng(seed), solution.time_ns)
+    stage.push(replace(solution.rows(slice(0, len(rows))), time_ns=rows))
+    values = stage.finish().values
+    # what the stamps say the gyro turned, less what it did; a constant delay is no error
+    off = np.diff(rows)[:, None] * 1e-9 * gyro[: len(rows) - 1] - DT * gyro[: len(rows) - 1]
+    walk = np.cumsum(off, axis=0)
+    return values[:, UNEVEN].sum(), walk
+
+
+def test_an_even_clock_leaves_no_doubt():
+    doubt, _ = uneven(lambda random, times: times)
+    assert doubt < 1e-20
+    # nor does one that runs fast
+    doubt, _ = uneven(lambda random, times: times[0] + (times - times[0]) * 11 // 10)
+    assert doubt < 1e-20
+
+
+@pytest.mark.parametrize("how", ["jitter", "bursts"])
+def test_stamps_of_receipt_are_doubted_by_what_they_spoil(how):
+    def stamps(random, times):
+        if how == "jitter":
+            return times + np.round(2e6 * random.standard_normal(len(times))).astype(int)
+        k = np.arange(len(times))
+        return times[np.minimum(k // 4 * 4 + 3, len(k) - 1)] + k % 4 * 100_000
+
+    drawn = [uneven(stamps, seed) for seed in range(20 if how == "jitter" else 1)]
+    spread = np.mean([np.sum(walk[-1] ** 2) for _, walk in drawn])
+    doubt = np.mean([one for one, _ in drawn])
+    if how == "jitter":
+        # what the stamps at the limits of an epoch are off counts in both, though it cancels
+        assert spread < doubt < 6.0 * spread
+    else:
+        # the angle that is off goes round with the swing
+        assert doubt > np.max(np.sum(drawn[0][1] ** 2, axis=1))

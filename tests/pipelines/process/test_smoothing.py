@@ -95,7 +95,8 @@ def test_tilt_of_a_hand_wherever_it_rests(tmp_path, rest):
     assert summary["smoothing"]["motion"] == "hand"
     assert np.degrees(np.sqrt(np.mean(off**2))) < 0.5
     sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
-    assert 0.2 < np.sqrt(np.mean((off / sigma) ** 2)) < 1.6
+    # a degree per second of gyro bias may well come with a worse accelerometer than this one
+    assert 0.1 < np.sqrt(np.mean((off / sigma) ** 2)) < 1.6
     assert bool(summary["smoothing"]["rest_s"]) == any(rest)
     kinds = {finding["kind"] for finding in summary["findings"]}
     assert ("no-rest" in kinds) == (not any(rest))
@@ -298,6 +299,55 @@ def test_a_steady_turn_at_the_beginning_gives_no_bias(tmp_path):
     turns = [(-5.0, 12.0, 0.03), (40.0, 60.0, -0.05), (90.0, 100.0, 0.06), (130.0, 160.0, -0.02)]
     summary, off, covariance = smoothed(tmp_path, circling(200.0, turns))
     assert summary["alignment"]["gyro_bias_source"] == "still"
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
+    found = np.array(summary["smoothing"]["gyro_bias_rad_s"]) * [1.0, -1.0, -1.0]
+    limit = 3.0 * np.array(summary["smoothing"]["gyro_bias_sigma_rad_s"])
+    assert (np.abs(found - BIAS) < limit).all()
+
+
+@pytest.mark.parametrize("size", [0.02, 0.25])
+def test_accelerometers_are_doubted_as_much_as_the_gyros_beside_them(tmp_path, size):
+    """At rest a bias is a tilt: of a gyro with a degree per second it may be a degree, too."""
+    random, count = np.random.default_rng(1), round(20.0 * RATE)
+    rate = size / 14.0 * np.array([1.0, -1.0, 1.0])
+    gyro = rate + 2e-3 * random.standard_normal((count, 3))
+    accel = [size, -size, G] + 0.02 * random.standard_normal((count, 3))
+    log = Hand(
+        even_times(count, RATE),
+        gyro,
+        accel,
+        Rotation.from_quat(np.tile([0, 0, 0, 1.0], (count, 1))),
+    )
+    _, off, covariance = smoothed(tmp_path, log)
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
+    assert 0.1 < np.sqrt(np.mean((off / sigma) ** 2)) < 2.5
+    if size < 0.1:
+        assert np.degrees(sigma.max()) < 0.3
+
+
+def test_bursts_make_a_turning_attitude_uncertain_not_wrong(tmp_path):
+    log = hand(60.0)
+    k = np.arange(len(log.time_ns))
+    received = log.time_ns[np.minimum(k // 5 * 5 + 4, len(k) - 1)] + k % 5 * 200_000
+    path = imu_log(tmp_path / "in.mcap", received, log.gyro, log.accel)
+    summary = run(path, tmp_path / "out.mcap")
+    assert "bursts" in {one["kind"] for one in summary["findings"]}
+    times, q, covariance = written(tmp_path / "out.mcap")
+    off = tilt(q, log.attitude[np.searchsorted(received, times)])
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 1.5
+
+
+def test_the_only_quiet_time_may_be_a_turn(tmp_path):
+    """Half a minute of it, and no straight flight after it that a filter could refute it by."""
+    random = np.random.default_rng(2)
+    turns, t = [(-5.0, 28.0, 0.04)], 28.0
+    while t < 200.0:
+        length = random.uniform(4.0, 9.0)
+        turns.append((t, t + length, random.uniform(-0.12, 0.12)))
+        t += length
+    summary, off, covariance = smoothed(tmp_path, circling(200.0, turns))
     sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
     found = np.array(summary["smoothing"]["gyro_bias_rad_s"]) * [1.0, -1.0, -1.0]
