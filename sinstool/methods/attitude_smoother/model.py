@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import exp, hypot, sqrt
 from typing import Literal
-
-import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import EARTH_RATE
@@ -117,9 +115,9 @@ class SensorModel:
     accel_bias : float
         m/s^2. A level bias looks like a tilt: of a vehicle it is a state, otherwise it is added to
         the covariance of tilt.
-    poor_accel_bias : float
-        That of accelerometers as badly calibrated as the gyros are seen to be, m/s^2. Where it is
-        larger, an attitude is less certain, as far as motion has not shown the bias.
+    bias_removed : tuple of float or None
+        Gyro bias that was taken off, body axes, rad/s, of sensors that may be uncalibrated: then an
+        attitude is less certain, as far as motion has not shown the accelerometers' bias.
     gravity, gravity_walk : float
         Vertical excess of the specific force at the start, m/s^2, and its walk, m/s^2/sqrt(s).
     """
@@ -133,7 +131,7 @@ class SensorModel:
     bias_drift: float = 3e-6
     velocity_walk: float = 0.05
     accel_bias: float = 0.03
-    poor_accel_bias: float = 0.0
+    bias_removed: tuple[float, float, float] | None = None
     gravity: float = 0.2
     gravity_walk: float = 0.02
 
@@ -146,21 +144,28 @@ _SHORT_REST_S = 5.0
 LARGE_BIAS = 0.01
 
 
-# Accelerometers are as little calibrated as the gyros beside them: of low-cost Imus the largest
-# biases that data sheets allow come to 2 to 20 m/s^2 for each rad/s of the gyros'.
-ACCEL_BIAS_OF_GYRO = 7.0
+# Low-cost Imus are calibrated, or are not. One sigma of the bias of a gyro axis, rad/s, and of an
+# accelerometer axis that is not calibrated, m/s^2: data sheets of parts for telephones allow 1 to
+# 20 deg/s and 20 to 80 mg.
+CALIBRATED, UNCALIBRATED, POOR_ACCEL_BIAS = 0.0035, 0.0175, 0.2
 
 
-def with_bias_seen(sensors: SensorModel, gyro_bias: FloatArray) -> SensorModel:
-    """The same sensors, whose accelerometers may be as badly calibrated as their gyros are.
+def poor_accel_bias(gyro_bias: FloatArray) -> float:
+    """Bias of accelerometers that may be as badly calibrated as the gyros beside them, m/s^2.
 
     Parameters
     ----------
     gyro_bias : ndarray, shape (3,)
-        That a rest has shown, rad/s.
+        That is found, rad/s. An Imu is as likely calibrated as not before it is known.
+
+    Returns
+    -------
+    float
+        One sigma of an axis, of what the lack of a calibration adds.
     """
-    usual = float(np.sqrt(np.mean(np.square(gyro_bias))))
-    return replace(sensors, poor_accel_bias=ACCEL_BIAS_OF_GYRO * usual)
+    more = 0.5 * float(gyro_bias @ gyro_bias) * (1.0 / CALIBRATED**2 - 1.0 / UNCALIBRATED**2)
+    odds = exp(min(more, 50.0)) * (CALIBRATED / UNCALIBRATED) ** 3
+    return POOR_ACCEL_BIAS * sqrt(odds / (1.0 + odds))
 
 
 def sensor_model(

@@ -18,11 +18,13 @@ from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
 from sinstool.methods.attitude_smoother.model import (
+    CALIBRATED,
     GRAVITY,
     LARGE_BIAS,
     VEHICLE,
     MotionModel,
     SensorModel,
+    poor_accel_bias,
 )
 from sinstool.methods.attitude_smoother.start import NO_KINDS, Prior, first_state, parameters
 
@@ -176,9 +178,10 @@ def smooth(
     smoothed, covariance = result.states, result.covariance
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
+    poor = _poor(sensors, smoothed[-1], covariance[-1])
     if motion.finds_bias:
         shown = covariance[-1, BIASES]
-        left = _of_poor(shown, sensors)
+        left = _of_poor(shown, sensors.accel_bias, poor)
         sigma = sqrt(np.mean(left))
         attitude[:, [0, 1], [0, 1]] += np.mean(left - shown) / GRAVITY**2
         # What the gyros' axes are off those of the accelerometers: the tilt of a vehicle that turns
@@ -186,8 +189,9 @@ def smooth(
         attitude[:, [0, 1], [0, 1]] += sensors.rate_error**2
     else:
         # The bias of a level accelerometer looks like a tilt.
-        grade = max(sensors.accel_bias, sensors.poor_accel_bias) if sensors.accel_bias else 0.0
-        sigma = _accel_bias(grade, _gravity_shown(epochs, smoothed), prior.gravity)
+        sigma = _accel_bias(
+            max(sensors.accel_bias, poor), _gravity_shown(epochs, smoothed), prior.gravity
+        )
         attitude[:, [0, 1], [0, 1]] += (sigma / GRAVITY) ** 2
     attitude[:, 2, 2] += prior.heading**2 if north is None else north.variance
     # No heading is less certain than one that is uniform over a whole turn.
@@ -301,18 +305,28 @@ def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
     return GRAVITY + min(max(excess, -LIKELY_EXCESS), LIKELY_EXCESS)
 
 
-def _of_poor(shown: FloatArray, sensors: SensorModel) -> FloatArray:
-    """Variances of the accelerometers' biases that are left if they are as poor as the gyros.
+def _poor(sensors: SensorModel, state_: FloatArray, kept: FloatArray) -> float:
+    """What a lack of calibration adds to the accelerometers' bias, m/s^2, by the gyros' bias."""
+    known = float(np.sqrt(kept[9:12].max())) < CALIBRATED
+    if sensors.bias_removed is None or not known or not sensors.accel_bias:
+        return 0.0
+    return poor_accel_bias(state_[state.B : state.B + 3] + sensors.bias_removed)
+
+
+def _of_poor(shown: FloatArray, grade: float, poor: float) -> FloatArray:
+    """Variances of the accelerometers' biases that are left if they are worse than their grade.
 
     Parameters
     ----------
     shown : ndarray, shape (3,)
-        Those left of the biases that their grade allows, m^2/s^4.
+        Those left of the biases that the grade allows, m^2/s^4.
+    grade, poor : float
+        Standard deviations, m/s^2.
     """
-    if sensors.poor_accel_bias <= sensors.accel_bias:
+    if poor <= grade:
         return shown
-    information = np.maximum(1.0 / shown - 1.0 / sensors.accel_bias**2, 0.0)
-    return np.asarray(1.0 / (information + 1.0 / sensors.poor_accel_bias**2))
+    information = np.maximum(1.0 / shown - 1.0 / grade**2, 0.0)
+    return np.asarray(1.0 / (information + 1.0 / poor**2))
 
 
 def _accel_bias(

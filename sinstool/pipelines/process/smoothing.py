@@ -29,7 +29,6 @@ from sinstool.methods.attitude_smoother.model import (
     LARGE_BIAS,
     SensorModel,
     sensor_model,
-    with_bias_seen,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
@@ -209,11 +208,12 @@ class Smoothing:
             # without a heading the level part of the Earth's rate is taken off in a wrong direction
             "earth_removed": omega is not None and alignment.north_referenced,
         }
+        removed = tuple(alignment.gyro_bias.tolist()) if grade == "mems" else None
         sensors = sensor_model(grade, bias_known=alignment.bias_source != "none", **about)
+        sensors = replace(sensors, bias_removed=removed)
         if alignment.gyro_bias_sigma is not None:
             bias = CAUTION * alignment.gyro_bias_sigma
             sensors = replace(sensors, bias=min(sensors.bias, bias))
-        sensors = with_bias_seen(sensors, alignment.gyro_bias)
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
         prior = Prior(
@@ -225,9 +225,9 @@ class Smoothing:
         inside = self._bias_epochs(epochs)
         if inside.any() and np.mean(epochs.at_rest[inside]) < LEAST_REST:
             # What the mean rate of a turn is taken for is neither a bias nor, at first, a tilt
+            mean = tuple((-alignment.gyro_bias).tolist())
             sensors = sensor_model(grade, bias_known=False, **about)
-            removed = -alignment.gyro_bias
-            sensors = replace(sensors, bias_mean=tuple(removed.tolist()))
+            sensors = replace(sensors, bias_removed=removed, bias_mean=mean)
             if alignment.bias_source == "still":
                 prior = replace(prior, tilt=None)
             if np.mean(epochs.rest[inside]) < LEAST_REST:
