@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from sinstool.methods.allan.coefficients import ImuNoise
 
 REST_S = 30.0  # of a rest whose mean is believed
+# Gyros with the noise of tactical or navigation grade may be MEMS all the same, or badly calibrated,
+# but no data sheet allows them a bias beyond this, rad/s.
+LARGEST_BIAS: dict[Grade, float] = {"tactical": 5e-3, "navigation": 1e-3}
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,14 @@ def random_walk(source: Source, least_s: float = 0.0) -> float | None:
     """Angular random walk at rest, rad/sqrt(s) an axis; see :func:`random_walks`."""
     walks = random_walks(source, least_s)
     return None if walks is None else walks[0]
+
+
+def largest_bias(source: Source, config: ProcessConfig) -> float:
+    """Rate, rad/s, beyond which gyros as quiet as these turn; infinite of those that are not."""
+    walk = gyro_walk(source, config)
+    if walk is None or config.navigation.imu_grade != "auto":
+        return np.inf
+    return LARGEST_BIAS.get(grade_by_noise(walk), np.inf)
 
 
 def bias_at_rest(source: Source) -> float | None:

@@ -18,6 +18,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.attitude_smoother.epochs import (
+    GYRO,
     MOVING,
     REST,
     SATURATED,
@@ -31,7 +32,7 @@ from sinstool.methods.attitude_smoother.model import (
     sensor_model,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
-from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
+from sinstool.methods.attitude_smoother.rest import confirmed, runs, with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
 from sinstool.methods.attitude_smoother.start import Prior
 from sinstool.methods.attitude_smoother.steady import turning, with_steady
@@ -39,7 +40,7 @@ from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.summary import AttitudeSmoothing
-from sinstool.survey.grade import gyro_walk, sensor_grade
+from sinstool.survey.grade import gyro_walk, largest_bias, sensor_grade
 from sinstool.survey.rest import longest_rest, moving_at
 from sinstool.survey.source import Source, nominal_interval
 
@@ -202,6 +203,7 @@ class Smoothing:
             With those marked that look like rest.
         """
         grade = sensor_grade(self._source, self._config).grade
+        _drop_turns(seen, self._plan.alignment.gyro_bias, largest_bias(self._source, self._config))
         alignment, omega = self._plan.alignment, self._settings.omega_ie_n
         about: dict[str, Any] = {
             "walk_at_rest": gyro_walk(self._source, self._config),
@@ -365,6 +367,15 @@ class Smoothing:
         )
         level = np.append((epochs.values[:, SATURATED] > 0.0) | epochs.gap, False).astype(int)
         return Diagnostics(time_ns, time_ns, level[every], values)
+
+
+def _drop_turns(seen: Epochs, removed: np.ndarray, most: float) -> None:
+    """Mark as moving what looks like rest, but whose rate is more than any bias, rad/s."""
+    rows = seen.values
+    for begin, end in runs(seen.rest):
+        rate = rows[begin:end, GYRO : GYRO + 3].mean(axis=0) + removed
+        if np.linalg.norm(rate) > most:
+            rows[begin:end, REST] = MOVING
 
 
 def _first_tilt(alignment: Alignment) -> float | None:
