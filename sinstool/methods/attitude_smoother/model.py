@@ -148,6 +148,22 @@ LARGE_BIAS = 0.01
 # accelerometer axis that is not calibrated, m/s^2: data sheets of parts for telephones allow 1 to
 # 20 deg/s and 20 to 80 mg.
 CALIBRATED, UNCALIBRATED, POOR_ACCEL_BIAS = 0.0035, 0.0175, 0.2
+# Beyond this probability the gyros' bias changes as the sensor warms up, by 0.03 deg/s for each
+# kelvin as data sheets say: rad/s/sqrt(s) and rad/s^2.
+SURE, WARMING_WALK, WARMING_DRIFT = 0.95, 5e-5, 2e-5
+
+
+def uncalibrated(gyro_bias: FloatArray) -> float:
+    """Probability that a low-cost Imu is not calibrated, as likely as not before a bias is known.
+
+    Parameters
+    ----------
+    gyro_bias : ndarray, shape (3,)
+        That is found, rad/s.
+    """
+    more = 0.5 * float(gyro_bias @ gyro_bias) * (1.0 / CALIBRATED**2 - 1.0 / UNCALIBRATED**2)
+    odds = exp(min(more, 50.0)) * (CALIBRATED / UNCALIBRATED) ** 3
+    return odds / (1.0 + odds)
 
 
 def poor_accel_bias(gyro_bias: FloatArray) -> float:
@@ -156,16 +172,25 @@ def poor_accel_bias(gyro_bias: FloatArray) -> float:
     Parameters
     ----------
     gyro_bias : ndarray, shape (3,)
-        That is found, rad/s. An Imu is as likely calibrated as not before it is known.
+        That is found, rad/s.
 
     Returns
     -------
     float
         One sigma of an axis, of what the lack of a calibration adds.
     """
-    more = 0.5 * float(gyro_bias @ gyro_bias) * (1.0 / CALIBRATED**2 - 1.0 / UNCALIBRATED**2)
-    odds = exp(min(more, 50.0)) * (CALIBRATED / UNCALIBRATED) ** 3
-    return POOR_ACCEL_BIAS * sqrt(odds / (1.0 + odds))
+    return POOR_ACCEL_BIAS * sqrt(uncalibrated(gyro_bias))
+
+
+def with_warming(sensors: SensorModel, gyro_bias: FloatArray) -> SensorModel:
+    """The sensors, which nothing compensates for temperature where they surely are uncalibrated."""
+    if uncalibrated(gyro_bias) < SURE:
+        return sensors
+    return replace(
+        sensors,
+        bias_walk=max(sensors.bias_walk, WARMING_WALK),
+        bias_drift=max(sensors.bias_drift, WARMING_DRIFT),
+    )
 
 
 def sensor_model(

@@ -30,6 +30,7 @@ from sinstool.methods.attitude_smoother.model import (
     LARGE_BIAS,
     SensorModel,
     sensor_model,
+    with_warming,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import confirmed, runs, with_rest
@@ -213,6 +214,8 @@ class Smoothing:
         removed = tuple(alignment.gyro_bias.tolist()) if grade == "mems" else None
         sensors = sensor_model(grade, bias_known=alignment.bias_source != "none", **about)
         sensors = replace(sensors, bias_removed=removed)
+        if removed is not None:
+            sensors = with_warming(sensors, alignment.gyro_bias)
         if alignment.gyro_bias_sigma is not None:
             bias = CAUTION * alignment.gyro_bias_sigma
             sensors = replace(sensors, bias=min(sensors.bias, bias))
