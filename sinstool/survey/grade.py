@@ -18,8 +18,10 @@ from sinstool.survey.source import Source
 if TYPE_CHECKING:
     from sinstool.methods.allan.coefficients import ImuNoise
 
+# Steps between values that are so many times the noise hide it.
+COARSE = 2.0
 REST_S = 30.0  # of a rest whose mean is believed
-# Gyros with the noise of tactical or navigation grade may be MEMS all the same, or badly calibrated,
+# Gyros with the noise of tactical or navigation grade may be MEMS, or badly calibrated,
 # but no data sheet allows them a bias beyond this, rad/s.
 LARGEST_BIAS: dict[Grade, float] = {"tactical": 5e-3, "navigation": 1e-3}
 
@@ -104,10 +106,22 @@ def random_walk(source: Source, least_s: float = 0.0) -> float | None:
     return None if walks is None else walks[0]
 
 
+def _hides_noise(source: Source, config: ProcessConfig) -> bool:
+    """Whether the resolution of the gyros is too coarse for their noise at rest to show.
+
+    Quantised rates that hardly ever change have no scatter, however noisy and biased the gyro.
+    Counts of angle, as laser gyros give, add up to the angle all the same.
+    """
+    if random_walks(source) is None or config.input.sample_kind == "increment":
+        return False
+    longest = max(source.survey.spans, key=lambda s: s.samples)
+    return source.survey.gyro_resolution > COARSE * longest.gyro_std / np.sqrt(3.0)
+
+
 def largest_bias(source: Source, config: ProcessConfig) -> float:
     """Rate, rad/s, beyond which gyros as quiet as these turn; infinite of those that are not."""
     walk = gyro_walk(source, config)
-    if walk is None or config.navigation.imu_grade != "auto":
+    if walk is None or config.navigation.imu_grade != "auto" or _hides_noise(source, config):
         return np.inf
     return LARGEST_BIAS.get(grade_by_noise(walk), np.inf)
 
@@ -138,6 +152,8 @@ def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     if walk is None:
         return ImuGrade("mems", "assumed, as the log shows no rest")
     shown = walk / DEGREE_PER_ROOT_HOUR
+    if measured is None and _hides_noise(source, config):
+        return ImuGrade("mems", "as the resolution of its gyros hides their noise at rest")
     where = f"in {Path(file).name}" if file is not None and measured is not None else "at rest"
     grade, why = grade_by_noise(walk), f"by its gyro noise {where}, {shown:.2g} deg/sqrt(h)"
     bias = bias_at_rest(source)

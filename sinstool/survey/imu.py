@@ -108,6 +108,8 @@ class Survey:
         Samples that repeat the values of the one before.
     gyro_max, accel_max : ndarray, shape (3,)
         Largest magnitude by axis.
+    gyro_resolution : float
+        Smallest step from one rate of an axis to the next, rad/s; 0 where nothing changes.
     saturated : tuple of str
         Axes that stay at their largest value for several samples.
     specific_force_median : float
@@ -153,6 +155,7 @@ class Survey:
     held: int
     gyro_max: np.ndarray
     accel_max: np.ndarray
+    gyro_resolution: float
     saturated: tuple[str, ...]
     specific_force_median: float
     windows: Windows
@@ -364,6 +367,7 @@ def _conclude(
     )
     constant = tally.orientation is not None and not tally.orientation_varies and tally.count > 1
     placeholder = constant and _is_identity(tally.orientation, body_axes)
+    resolution = float(tally.extremes[:3, 4].min())
     return Survey(
         topic=topic.topic,
         count=tally.count,
@@ -390,6 +394,7 @@ def _conclude(
         held=tally.held,
         gyro_max=tally.extremes[:3, 0].copy(),
         accel_max=tally.extremes[3:, 0].copy(),
+        gyro_resolution=resolution if np.isfinite(resolution) else 0.0,
         saturated=saturated,
         specific_force_median=tally.force_median(),
         windows=windows,

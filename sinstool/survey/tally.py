@@ -20,6 +20,8 @@ _BINS = int((_HIGH - _LOW) / _STEP) + 1
 # Norm-of-specific-force histogram: 1 mm/s^2 bins up to 100 m/s^2.
 _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_LISTED = 1000
+# Columns: see `_extremes`
+_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf]
 # Orientations are kept for so long, one of each window, to be held against the other sensors.
 ORIENTED_NS = 20_000_000_000
 
@@ -40,7 +42,7 @@ class Tally:
     force: np.ndarray = field(default_factory=lambda: np.zeros(_FORCE_BINS, np.int64))
     offset_low: int = np.iinfo(np.int64).max
     offset_high: int = np.iinfo(np.int64).min
-    extremes: np.ndarray = field(default_factory=lambda: np.tile([0.0, 0.0, 0.0, np.nan], (6, 1)))
+    extremes: np.ndarray = field(default_factory=lambda: np.tile(_NO_EXTREMES, (6, 1)))
     held: int = 0
     windows: WindowStage = field(default_factory=WindowStage)
     orientation: np.ndarray | None = None
@@ -176,7 +178,8 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
 
     A repeated sample is no measurement and makes no run longer.
 
-    Columns of ``state``: largest magnitude, longest run at it, present run, last value.
+    Columns of ``state``: largest magnitude, longest run at it, present run, last value, smallest
+    step from one value to another.
     """
     held = 0
     for i in range(gyro.shape[0]):
@@ -190,6 +193,9 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
             continue
         for a in range(6):
             value = gyro[i, a] if a < 3 else accel[i, a - 3]
+            step = abs(value - state[a, 3])
+            if 0.0 < step < state[a, 4]:
+                state[a, 4] = step
             size = abs(value)
             if size > state[a, 0]:
                 state[a, 0] = size

@@ -353,3 +353,31 @@ def test_the_only_quiet_time_may_be_a_turn(tmp_path):
     found = np.array(summary["smoothing"]["gyro_bias_rad_s"]) * [1.0, -1.0, -1.0]
     limit = 3.0 * np.array(summary["smoothing"]["gyro_bias_sigma_rad_s"])
     assert (np.abs(found - BIAS) < limit).all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+def test_gyros_whose_resolution_hides_their_noise_are_not_good_ones(tmp_path, noise):
+    """16 bits of 2000 deg/s, and less noise than a bit: at rest nothing scatters, but 1.6 deg/s."""
+    log, random = hand(60.0), np.random.default_rng(3)
+    bit = np.radians(2000.0) / 2**15
+    turned = (log.attitude[:-1].inv() * log.attitude[1:]).as_rotvec() * RATE
+    gyro = np.vstack([turned[:1], turned]) + BIAS
+    gyro += noise * bit * random.standard_normal(gyro.shape)
+    log.gyro = np.round(gyro / bit) * bit
+    summary, off, _ = smoothed(tmp_path, log)
+    assert summary["plan"]["imu_grade"]["value"] == "mems"
+    assert "resolution" in summary["plan"]["imu_grade"]["reason"]
+    assert np.degrees(np.sqrt(np.mean(off**2))) < 0.6
+    assert summary["smoothing"]["rest_s"] > 4.0
+
+
+def test_gyros_as_quiet_as_good_ones_do_not_turn_at_rest(tmp_path):
+    """No gyro of 0.02 deg/sqrt(h) has a bias of 1.7 deg/s: this circle is no rest."""
+    log, random = circling(25.0, [(-5.0, 30.0, 0.03)]), np.random.default_rng(1)
+    turned = (log.attitude[:-1].inv() * log.attitude[1:]).as_rotvec() * RATE
+    log.gyro = np.vstack([turned[:1], turned]) + 5e-5 * random.standard_normal(log.gyro.shape)
+    summary, off, covariance = smoothed(tmp_path, log)
+    assert summary["plan"]["imu_grade"]["value"] in ("navigation", "tactical")
+    assert summary["smoothing"]["rest_s"] == 0.0
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.5
