@@ -20,6 +20,8 @@ PIECE, SHORTEST_PIECE = 40, 20
 # this share of it, and so many times as badly as those in the right one.
 LEAST_MISFIT = 0.06
 WORSE = 3.0
+# Where both keep it as well as an accelerometer with a bias can, misfits differ by less than this.
+ALIKE = 1.5
 # Gravity turns 57 times what rates in rad/s, taken for deg/s, say: this lies half-way in ratio.
 RADIANS_SCALE = 7.5
 # No IMU measures 100 rad/s (5 700 deg/s); many reach 100 deg/s.
@@ -148,7 +150,7 @@ def turns_like_degrees(evidence: UnitEvidence) -> bool:
 
     The scale alone would be fooled by a spin that is faster than the windows resolve; both by
     a vehicle that circles or leans in coordination, whose specific force stays on its own axis:
-    there it counts that rates in rad/s keep gravity although they turn far.
+    there it counts that rates in rad/s keep gravity although they turn far, or hardly worse.
     """
     e = evidence
     if e.windows < TELLING_WINDOWS:
@@ -156,7 +158,8 @@ def turns_like_degrees(evidence: UnitEvidence) -> bool:
     if e.misfit_radians > max(LEAST_MISFIT, WORSE * e.misfit_degrees):
         return True
     far = e.windows > PIECE
-    if e.misfit_radians < e.misfit_degrees or (far and e.misfit_radians < LEAST_MISFIT):
+    alike = e.misfit_radians < min(LEAST_MISFIT, ALIKE * e.misfit_degrees)
+    if e.misfit_radians < e.misfit_degrees or alike or (far and e.misfit_radians < LEAST_MISFIT):
         return False
     return (
         e.share >= TELLING_SHARE

@@ -20,6 +20,7 @@ from tests.helpers.unseen_drives import DEG, HOUR, RATE, Motion, imu_rows
 DEG_H, DEG_SQRT_H = DEG / HOUR, DEG / 60.0
 Random = np.random.Generator
 FLIP = np.array([1.0, -1.0, -1.0])
+MOST_BIAS = 0.5  # m/s^2
 FINE = 10  # specific forces that vibrate, for each interval of the trajectory
 
 
@@ -114,7 +115,8 @@ def measured(random: Random, moving: Motion, grade: str) -> tuple[list[str], Log
     matrices = np.eye(3) + of.matrix * random.standard_normal((2, 3, 3))
     t = moving.seconds
     gyro = gyro @ matrices[0] + accel @ by_force + of.bias * random.standard_normal(3)
-    accel = accel @ matrices[1] + of.accel_bias * random.standard_normal(3)
+    bias = np.clip(of.accel_bias * random.standard_normal(3), -MOST_BIAS, MOST_BIAS)
+    accel = accel @ matrices[1] + bias
     if by_force.any():
         texts.append("g-sensitive")
     if random.random() < 0.3:

@@ -175,6 +175,7 @@ def test_rates_beyond_any_sensor():
         (UnitEvidence(1.0, 0.1, 50, 0.9, 0.02, 0.01), False),  # far turns in rad/s keep gravity
         (UnitEvidence(1.0, 0.1, 20, 0.9, 0.02, 0.01), True),
         (UnitEvidence(1.0, 0.1, 20, 0.9, 0.01, 0.02), False),
+        (UnitEvidence(4.3, 0.8, 26, 1.0, 0.038, 0.031), False),  # either is an accelerometer's bias
         (UnitEvidence(0.1, 0.5, 50, 0.9, 0.30, 0.02), True),  # and here they do not
     ],
 )
