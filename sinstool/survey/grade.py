@@ -11,7 +11,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
-from sinstool.methods.sensor_errors import Grade, grade_by_bias, grade_by_noise
+from sinstool.methods.sensor_errors import LIKELY, Grade, grade_by_bias, grade_by_noise
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 # Steps between values that are so many times the noise hide it.
 COARSE = 2.0
 REST_S = 30.0  # of a rest whose mean is believed
+BRIEF_REST_S = 10.0  # and of one that it is believed of where no GNSS may show otherwise
 # Gyros with the noise of tactical or navigation grade may be MEMS, or badly calibrated,
 # but no data sheet allows them a bias beyond this, rad/s.
 LARGEST_BIAS: dict[Grade, float] = {"tactical": 5e-3, "navigation": 1e-3}
@@ -130,12 +131,21 @@ def bias_at_rest(source: Source) -> float | None:
     """Length of the gyro's bias at rest, rad/s, less the possible part of the Earth's rate.
 
     The longest rest of half a minute at which GNSS, where the log has it, does not move; None
-    where there is none. Steady flight, which passes for rest, does not count.
+    where there is none. Steady flight, which passes for rest, does not count. In a log without GNSS
+    shorter rests count, too, less what the noise of each makes of its mean: of all of them the
+    smallest rate, as one or the other may be a turn.
     """
     still = longest_rest(source.survey.spans, source.aiding.gnss)
-    if still is None or still.duration_s < REST_S:
+    if still is not None and still.duration_s >= REST_S:
+        return max(0.0, float(np.linalg.norm(still.gyro)) - EARTH_RATE)
+    if source.aiding.gnss is not None:
         return None
-    return max(0.0, float(np.linalg.norm(still.gyro)) - EARTH_RATE)
+    rates = [
+        float(np.linalg.norm(span.gyro)) - LIKELY * span.gyro_std / np.sqrt(span.samples)
+        for span in source.survey.spans
+        if span.duration_s >= BRIEF_REST_S
+    ]
+    return max(0.0, min(rates) - EARTH_RATE) if rates else None
 
 
 def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:

@@ -381,3 +381,14 @@ def test_gyros_as_quiet_as_good_ones_do_not_turn_at_rest(tmp_path):
     assert summary["smoothing"]["rest_s"] == 0.0
     sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.5
+
+
+@pytest.mark.parametrize(("deg_h", "grade"), [(0.0, "tactical"), (60.0, "industrial")])
+def test_fifteen_seconds_of_rest_tell_calibrated_mems_from_tactical(tmp_path, deg_h, grade):
+    random, count = np.random.default_rng(4), round(15.0 * RATE)
+    walk = np.radians(0.1) / 60.0
+    gyro = walk * np.sqrt(RATE) * random.standard_normal((count, 3))
+    gyro[:, 1] += np.radians(deg_h) / 3600.0
+    accel = [0.0, 0.0, G] + 0.01 * random.standard_normal((count, 3))
+    path = imu_log(tmp_path / "in.mcap", even_times(count, RATE), gyro, accel)
+    assert plan_of(path, build(ProcessConfig, {})).imu_grade.value == grade
