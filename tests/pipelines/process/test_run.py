@@ -366,6 +366,7 @@ def test_gyro_bias(tmp_path, how):
         tmp_path / "out.mcap",
         input={"gyro_kind": "mean-rate"},
         align={**fixed_at(truth.q_nb[0]), "gyro_bias": options},
+        navigation=INERTIAL,
     )
     assert summary["alignment"]["gyro_bias_source"] == how
     used = np.zeros(3) if how == "none" else FLU_FRD.apply(BIAS)
@@ -408,7 +409,8 @@ def test_the_earths_rate(tmp_path, source):
     position = (np.radians(latitude), np.radians(11.0), 300.0) if source == "fix" else None
     path = simulated(tmp_path / "in.mcap", truth, position=position)
     options = {"latitude": latitude} if source == "given" else {}
-    summary = run(path, tmp_path / "out.mcap", align={**FIXED, "gyro_bias": "none", **options})
+    align = {**FIXED, "gyro_bias": "none", **options}
+    summary = run(path, tmp_path / "out.mcap", align=align, navigation=INERTIAL)
     off = degrees_off(tmp_path / "out.mcap", truth)
     if source == "none":
         assert off == pytest.approx(np.degrees(7.292115e-5) * 20.0, rel=1e-3)
