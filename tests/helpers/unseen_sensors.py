@@ -7,7 +7,7 @@ late, and gaps. As in `unseen_drives`, nothing here uses the product; all sizes 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +19,7 @@ from tests.helpers.unseen_drives import DEG, HOUR, RATE, Motion, imu_rows
 
 DEG_H, DEG_SQRT_H = DEG / HOUR, DEG / 60.0
 Random = np.random.Generator
+COLUMNS = "stamps", "received", "gyro", "accel"
 FLIP = np.array([1.0, -1.0, -1.0])
 MOST_BIAS = 0.5  # m/s^2
 FINE = 10  # specific forces that vibrate, for each interval of the trajectory
@@ -73,6 +74,8 @@ class Log:
         In FRD, rad/s and m/s^2.
     truth : ndarray, shape (m, 3, 3)
         Attitude of the sensor at the samples of the trajectory.
+    late_ns : int
+        By which stamps are late in the mean: no log shows that.
     """
 
     stamps: np.ndarray
@@ -80,11 +83,11 @@ class Log:
     gyro: np.ndarray
     accel: np.ndarray
     truth: np.ndarray
+    late_ns: int = 0
 
     def rows(self, rows: np.ndarray) -> Log:
-        return Log(
-            self.stamps[rows], self.received[rows], self.gyro[rows], self.accel[rows], self.truth
-        )
+        columns = {name: getattr(self, name)[rows] for name in COLUMNS}
+        return replace(self, **columns)
 
 
 def log_uniform(random: Random, low: float, high: float) -> float:
@@ -188,7 +191,8 @@ def recorded(random: Random, log: Log) -> tuple[list[str], Log]:
         last = np.minimum((np.arange(n) // many + 1) * many, n) - 1
         stamps = log.stamps[last] + (np.arange(n) % many) * 200_000
         texts.append(f"received in bursts of {many}")
-    log = Log(stamps, stamps, log.gyro, log.accel, log.truth)
+    late_ns = round(float(np.mean(stamps - log.stamps)))
+    log = replace(log, stamps=stamps, received=stamps, late_ns=late_ns)
     keep = np.ones(n, bool)
     if random.random() < 0.25:
         share = log_uniform(random, 1e-3, 0.1)
@@ -210,7 +214,7 @@ def recorded(random: Random, log: Log) -> tuple[list[str], Log]:
         texts.append("late samples")
         received = np.sort(log.received[rows])
         log = log.rows(rows[np.argsort(order, kind="stable")])
-        return texts, Log(log.stamps, received, log.gyro, log.accel, log.truth)
+        return texts, replace(log, received=received)
     return texts, log.rows(rows)
 
 
