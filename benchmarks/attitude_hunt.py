@@ -149,9 +149,10 @@ def hunted(seed: int, kinds: Sequence[str]) -> Outcome:
     smoothing = said["smoothing"]
     note = "inertial"
     if smoothing is not None:
+        margin, sigma = smoothing["motion_margin_nat"] or 0.0, smoothing["tilt_sigma_deg"] or np.nan
         note = (
-            f"{smoothing['motion']} {smoothing['motion_margin_nat'] or 0.0:.2g},"
-            f" {smoothing['rest_s']:.0f} s at rest, sigma {smoothing['tilt_sigma_deg'] or np.nan:.2g} deg"
+            f"{smoothing['motion']} {margin:.2g}, {smoothing['rest_s']:.0f} s at rest,"
+            f" sigma {sigma:.2g} deg"
         )
     note += f", {said['plan']['imu_grade']['value']}, {said['alignment']['method']}"
     kinds_found = tuple(dict.fromkeys(one["kind"] for one in said["findings"]))
