@@ -125,7 +125,7 @@ class EvenStamps:
             line, number = int(first[-1]), int(numbers[-1]) + 1
 
 
-def even_stamps(blocks: Iterable[Imu], increments: bool) -> EvenStamps | None:
+def even_stamps(blocks: Iterable[Imu], increments: bool, surely: bool = False) -> EvenStamps | None:
     """Even times of samples, if their sensor takes them evenly.
 
     Parameters
@@ -134,6 +134,8 @@ def even_stamps(blocks: Iterable[Imu], increments: bool) -> EvenStamps | None:
         In the order of their stamps.
     increments : bool
         Samples are increments, not rates.
+    surely : bool, optional
+        The sensor is known to take them evenly.
 
     Returns
     -------
@@ -155,6 +157,8 @@ def even_stamps(blocks: Iterable[Imu], increments: bool) -> EvenStamps | None:
     # Where few are missing, most stretches of so many samples have them all
     apart = stamp_ns[LEAST_SAMPLES:] - stamp_ns[:-LEAST_SAMPLES]
     even = _lines(stamp_ns, float(np.median(apart)) / LEAST_SAMPLES)
+    if surely:
+        return even
     if not _steady(even, stamp_ns):
         return None
     return None if _right(even, concatenate(shown), increments) else even

@@ -248,7 +248,7 @@ def survey_samples(
     )
     if _jitters(found, options):
         again = samples_again(log, topic, units, found, samples, found.first_ns)
-        even = even_stamps(again, increments)
+        even = even_stamps(again, increments, options.imu_stamps == "even")
         if even is not None:
             found = _evened(found, even, options)
     return found, samples

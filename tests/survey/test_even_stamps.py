@@ -62,6 +62,7 @@ def test_samples_that_were_taken_at_their_stamps_keep_them():
     random, time_ns = np.random.default_rng(2), even_times()
     stamps = received_at(time_ns, late_by(random, len(time_ns), 2 * MS))
     assert even_stamps([samples(stamps, stamps)], False) is None
+    assert even_stamps([samples(stamps, stamps)], False, surely=True) is not None
     assert even_stamps([samples(stamps, time_ns)], False) is not None
 
 
