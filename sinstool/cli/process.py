@@ -17,6 +17,7 @@ from sinstool.cli.help import Command
 from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
+from sinstool.core.errors import SinstoolError
 from sinstool.core.finding import exit_status
 from sinstool.core.whole_file import EXPORTED
 from sinstool.report.text.process import compass, summary_rows
@@ -203,14 +204,20 @@ def process_many(
         Entry(log.name, log.path, row, page)
         for log, row, page in zip(logs, rows, pages, strict=True)
     ]
+    fault = None
+    try:
+        write_index(folder, entries, seconds)
+    except (SinstoolError, OSError) as exc:
+        # A full disk must not hide what was done
+        fault = exc
     names = [str(log.path) for log in logs]
     status = many.finish(
         names, rows, batch, lambda: many.log_table(HEADER, logs, rows, _cells), f", in {folder}"
     )
     if not batch.quiet:
         click.echo(throughput(entries, seconds), err=True)
-    # The last, as a full disk must not hide what was done
-    write_index(folder, entries, seconds)
+    if fault is not None:
+        raise fault
     return status
 
 

@@ -32,8 +32,10 @@ from sinstool.core.timeline import GAP_INTERVALS, SECOND
 
 # A line goes through the stamps of so long, s, and of at least so many samples.
 LINE_S, LEAST_SAMPLES = 2.0, 64
-# So many long intervals are looked at together.
-ROWS = 1000
+# No Imu samples more often than each so many ns: stamps of less are no times.
+LEAST_NS = 10_000.0
+# Samples before and after a long interval that are looked at, at most, and intervals together.
+MOST_NEARBY, ROWS = 2000, 1000
 # Durations of lines vary by this much of what independent intervals would make of them, at most;
 # an interval counts as no more than so many usual ones.
 STEADY, LONGEST = 0.5, 10.0
@@ -156,7 +158,10 @@ def even_stamps(blocks: Iterable[Imu], increments: bool, surely: bool = False) -
     stamp_ns = np.concatenate(stamps)
     # Where few are missing, most stretches of so many samples have them all
     apart = stamp_ns[LEAST_SAMPLES:] - stamp_ns[:-LEAST_SAMPLES]
-    even = _lines(stamp_ns, float(np.median(apart)) / LEAST_SAMPLES)
+    interval_ns = float(np.median(apart)) / LEAST_SAMPLES
+    if interval_ns < LEAST_NS:
+        return None
+    even = _lines(stamp_ns, interval_ns)
     if surely:
         return even
     if not _steady(even, stamp_ns):
@@ -169,7 +174,7 @@ def _lines(stamp_ns: IntArray, interval_ns: float) -> EvenStamps:
     begin_ns = int(stamp_ns[0])
     late = (stamp_ns - begin_ns) - interval_ns * np.arange(len(stamp_ns))
     width = max(LEAST_SAMPLES, round(LINE_S * SECOND / interval_ns))
-    missing = _missing(stamp_ns, late, interval_ns, width // 2)
+    missing = _missing(stamp_ns, late, interval_ns, min(width // 2, MOST_NEARBY))
     breaks = np.concatenate([[0], missing, [len(stamp_ns)]])
     first, count, time, interval = [], [], [], []
     for begin, end in pairwise(breaks.tolist()):

@@ -81,7 +81,8 @@ def test_every_option_of_every_command_is_there(site):
         members = list(command.commands.items()) if isinstance(command, click.Group) else []
         for path, one in [(name, command), *((f"{name} {k}", v) for k, v in members)]:
             text = page.read_text() if page.exists() else ""
-            for option in [p for p in one.params if isinstance(p, click.Option)]:
+            shown = [p for p in one.params if isinstance(p, click.Option) and not p.hidden]
+            for option in shown:
                 anchor = f'id="{path.replace(" ", "-")}{option.opts[-1]}"'
                 assert anchor in text, f"{path} {option.opts}"
 
