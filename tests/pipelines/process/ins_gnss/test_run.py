@@ -119,7 +119,7 @@ def test_outages_are_bridged_and_scored(flight):
     ("options", "kind", "words"),
     [
         ({"gnss": {"gnss_latency": 0.1}}, "latency", "not 100 ms"),
-        ({"gnss": {"lever_arm": (1.2, 0.0, 0.0)}}, "lever-arm", "another -1.2 m forward"),
+        ({"gnss": {"lever_arm": (1.2, 0.0, 0.0)}}, "lever-arm", "antenna were -1.2"),
         ({"filter": {"gnss_noise_scale": 0.33}}, "gnss-noise", "too small"),
         ({"filter": {"gnss_noise_scale": 3.0}}, "gnss-noise", "too large"),
     ],
