@@ -12,11 +12,13 @@ from typing import get_args
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.arrays import FloatArray
 from sinstool.core.chi_square import upper_point
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.increments import SegmentIncrements
@@ -87,10 +89,14 @@ def fit(
     if len(epochs) < LEAST_EPOCHS:
         return None
     square = np.minimum(epochs.nis, GATE)
+    cost = float(np.mean(unlikely(epochs)))
+    return Fit(float(square.sum() / epochs.rows.sum()), cost, len(epochs))
+
+
+def unlikely(epochs: GnssDiagnostics) -> FloatArray:
+    """-2 log likelihood of the innovations of each epoch, less what is the same for all models."""
     spread = 2.0 * np.nansum(np.log(epochs.innovation_sigma), axis=1)
-    return Fit(
-        float(square.sum() / epochs.rows.sum()), float(np.mean(square + spread)), len(epochs)
-    )
+    return np.asarray(np.minimum(epochs.nis, GATE) + spread)
 
 
 def next_worse(grade: Grade) -> Grade | None:

@@ -18,16 +18,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from sinstool.core.chi_square import upper_point
 from sinstool.core.streams import take_rows
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.imu_fit import unlikely
 
 # Factors of the sigmas are powers of this; so many at most.
 STEP, MOST_STEPS = 2.0, 10
-# Squares beyond this are those of bad fixes, and count as this.
-GATE = upper_point(6, 1e-4)
 # By how much -2 log likelihood must fall before a receiver is thought to understate its slow error:
 # four sigmas of one parameter, as no model of an Imu is quite right; and up to what rise larger
 # errors would not show.
@@ -108,5 +106,4 @@ def _cost(increments: Increments, start: FilterStart) -> float:
     epochs = take_rows(epochs, np.isfinite(epochs.nis))
     if len(epochs) < LEAST_EPOCHS:
         return np.inf
-    spread = 2.0 * np.nansum(np.log(epochs.innovation_sigma), axis=1)
-    return float(np.sum(np.minimum(epochs.nis, GATE) + spread))
+    return float(np.sum(unlikely(epochs)))

@@ -159,9 +159,8 @@ def timed_start(
     start = _timed(source, config, algorithm, first)
     if config.navigation.imu_grade == "auto":
         start = _drifting(source, config, algorithm, _fitted(source, config, algorithm, start))
-        if not receiver_stated(config):
-            # A poor Imu follows fixes wherever they go, until it is known to be a better one
-            start = _wandering(source, config, algorithm, start)
+        # A poor Imu follows fixes wherever they go, until it is known to be a better one
+        start = _wandering(source, config, algorithm, start)
     if imu_stated(config):
         drift = Drift(source, config, algorithm, _by_the_fixes(start))
         start = replace(start, drifts=drift.ratio)
@@ -224,15 +223,18 @@ def _timed(
         first = noisy
         noisy = begin(first.settings.gnss_latency, None)
     timed = with_offsets(source, config, algorithm, noisy, begin)
-    if imu_stated(config) or receiver_stated(config):
-        return timed
     return _wandering(source, config, algorithm, timed)
 
 
 def _wandering(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
-    """A start with slow errors of fixes as large as they are beside its Imu."""
+    """A start with slow errors of fixes as large as they are beside its Imu.
+
+    What options say of either stays: a wrong word about one would be blamed on the other.
+    """
+    if imu_stated(config) or receiver_stated(config):
+        return start
     by_fixes = _by_the_fixes(start)
     increments = shown_increments(source, config, algorithm, by_fixes)
     return with_slow_errors(start, by_fixes, increments)
