@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +42,8 @@ BEFORE_LIFT_OFF_NS = 10 * SECOND
 # A gyro bias seen at rest stays what it was within this, rad/s (45 deg/h): between the rests of
 # recorded drives of a few minutes those of two consumer grade IMUs moved by 20 to 70 deg/h.
 AFTER_REST = 45.0 * DEGREE / 3600.0
+# Where the first motion does not show the attitude, alignment begins so much later, s.
+LATER_S = (60.0, 120.0, 180.0, 300.0, 480.0)
 # Bias of a cheap gyro that never rests, where that of its grade does not fit, rad/s.
 UNKNOWN_BIAS = 0.5 * DEGREE
 
@@ -53,8 +56,12 @@ def align_moving(
     at: str | int,
     gnss: GnssEpochs | None = None,
     refuse_sigma: float = REFUSE_SIGMA,
+    later_s: Sequence[float] = LATER_S,
 ) -> MotionAlignment:
     """Align a log's vehicle in motion.
+
+    By what follows its first motion, unless a gate or options say when to begin; where that shows
+    no heading, by what follows later.
 
     Parameters
     ----------
@@ -67,6 +74,8 @@ def align_moving(
         Instead of those of the log.
     refuse_sigma : float
         About its worst axis, rad: an attitude that is less certain is not given.
+    later_s : sequence of float
+        Beginnings that are tried, one after the other, s after the first.
 
     Returns
     -------
@@ -90,28 +99,54 @@ def align_moving(
         lively = float(np.linalg.norm(survey.accel_max)) > LIFT_OFF
         gate = "paper" if lively and _lifts_off(source) else "off"
     start = None if options.align_start is None else first + round(options.align_start * SECOND)
+    end = None if options.align_end is None else first + round(options.align_end * SECOND)
+    later: list[int] = []
     if gate == "off" and start is None:
         rest = survey.lead_in
         still = first if rest is None else rest_end(rest, survey.spans, survey.windows)
         start = in_motion.first_motion(fixes, first, still)
-    end = None if options.align_end is None else first + round(options.align_end * SECOND)
-    ends = in_motion.spans(gate, start, end, first, int(fixes.time_ns[-1]))
+        if start is not None:
+            last = int(fixes.time_ns[-1]) if end is None else end
+            later = [ns for s in later_s if (ns := start + round(s * SECOND)) < last]
     errors = sensor_errors(config, grade, at_rest, random_walk(source, REST_S) or 0.0)
     doubtful = grade == "mems" and not at_rest and options.sigma_bg is None
-    blocks = rate_blocks(source, config, _reading_from(source, gate, start))
-    return align_in_motion(
-        SpanReader(blocks, MOST_SAMPLES if end is None else None),
-        config.input.sample_kind,
-        _interval_ns(source) / SECOND,
-        fixes,
-        replace(
-            _settings(config, errors, method, gate, at, start, survey), refuse_sigma=refuse_sigma
-        ),
-        bias,
-        ends,
-        UNKNOWN_BIAS if doubtful else None,
-        notes,
-    )
+
+    def begun(begin: int | None, notes: tuple[str, ...]) -> MotionAlignment:
+        settings = _settings(config, errors, method, gate, at, begin, survey)
+        return align_in_motion(
+            SpanReader(
+                rate_blocks(source, config, _reading_from(source, gate, begin)),
+                MOST_SAMPLES if end is None else None,
+            ),
+            config.input.sample_kind,
+            _interval_ns(source) / SECOND,
+            fixes,
+            replace(settings, refuse_sigma=refuse_sigma),
+            bias,
+            in_motion.spans(gate, begin, end, first, int(fixes.time_ns[-1])),
+            UNKNOWN_BIAS if doubtful else None,
+            notes,
+        )
+
+    try:
+        moving = begun(start, notes)
+    except AlignmentError as exc:
+        moving, refused = None, exc
+    for begin in () if moving is not None and moving.good else later:
+        assert start is not None
+        skipped = (
+            f"the first {(begin - start) / SECOND:.0f} s of motion do not show the attitude:"
+            " aligned by what follows"
+        )
+        try:
+            made = begun(begin, (*notes, skipped))
+        except AlignmentError:
+            continue
+        if made.good:
+            return made
+    if moving is None:
+        raise refused
+    return moving
 
 
 def _lifts_off(source: Source) -> bool:

@@ -49,6 +49,11 @@ class FilterStart:
         About settings and measurements, and about how the attitude was found.
     noisier : tuple of float, optional
         How many times as noisy as the receiver says positions are, horizontally and vertically.
+    velocity_noise : tuple of float, optional
+        White noise of velocities as the log shows it, horizontally and vertically, m/s; NaN where
+        it does not.
+    noisier_velocity : tuple of float, optional
+        The same of velocities.
     slow_errors : tuple of float, optional
         How many times as large as follows from what the receiver says the slow errors of positions
         are, horizontally and vertically.
@@ -72,6 +77,8 @@ class FilterStart:
     warnings: tuple[str, ...]
     attitude_warnings: tuple[str, ...]
     noisier: tuple[float, float] = (1.0, 1.0)
+    velocity_noise: tuple[float, float] = (np.nan, np.nan)
+    noisier_velocity: tuple[float, float] = (1.0, 1.0)
     slow_errors: tuple[float, float] = (1.0, 1.0)
     drifts: float = 1.0
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sinstool.config import ProcessConfig
+from sinstool.config import GnssOptions, ProcessConfig
 from sinstool.core.arrays import ArrayLike
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity
@@ -19,6 +19,7 @@ POSITION_WHITE, POSITION_SLOW = 0.371, 0.928
 VELOCITY_WHITE, VELOCITY_SLOW = 0.447, 0.894
 USUAL_POSITION = (5.4, 5.4, 8.5)
 USUAL_VELOCITY = (0.11, 0.11, 0.17)
+USUAL_SIGMA_V = GnssOptions().gnss_sigma_v
 # Fixes no noisier than so many times what the receiver says have good stamps too.
 AS_CLAIMED = 1.3
 # Noisier than so many times that they are not what the receiver says.
@@ -72,7 +73,7 @@ def gnss_model(
         gnss.sigma_velocity_n, USUAL_VELOCITY, LEAST_VELOCITY, factor
     )
     if not from_velocities:
-        velocity = velocity * (config.gnss.gnss_sigma_v / 0.1)
+        velocity = velocity * (config.gnss.gnss_sigma_v / USUAL_SIGMA_V)
     white = np.hypot(POSITION_WHITE * position, stamp_s * _speed(gnss))
     how = (
         f"position {'as the receiver says' if from_fixes else 'assumed'}, about"
@@ -111,22 +112,22 @@ def with_measured_noise(
     What is left of the receiver's own figure lasts. A receiver that smooths its fixes shows less
     noise than a filter may believe in: the white part is no less than usual. Where positions are
     clearly noisier than the receiver says, unless options say how noisy they are, all that it says
-    of them is taken that many times.
+    of them is taken that many times. Where it says nothing they may be as noisy as they show.
 
     Parameters
     ----------
     gnss : GnssEpochs
         As the receiver gives them.
     measured : tuple of float
-        White noise, horizontal and vertical, m.
+        White noise, horizontal and vertical, m; the vertical one is NaN where there are no heights.
     """
     options = config.filter
     # A share of what the receiver says, whatever the options make of that
     white = options.gnss_noise_scale * np.array([measured[0], measured[0], measured[1]])
     noisier = np.ones(3)
+    stated = np.isfinite(gnss.sigma_position_n).any(axis=0)
     if options.gnss_noise_scale == 1.0 and options.gnss_sigma is None:
         ratio = white / _whole(gnss_model(gnss, config)[0])
-        stated = np.isfinite(gnss.sigma_position_n).any(axis=0)
         noisier = np.where(stated & (ratio > TOO_LITTLE), ratio, 1.0)
     if (noisier > 1.0).any():
         gnss = replace(gnss, sigma_position_n=noisier * gnss.sigma_position_n)
@@ -134,19 +135,66 @@ def with_measured_noise(
     stamp_s = 0.0 if exact else STAMP_S
     model, why = gnss_model(gnss, config, stamp_s)
     epochs = split_position_velocity(inflate_sigmas(gnss, config, stamp_s), start.lag)
-    model = _with_white(model, white)
+    known = stated | (options.gnss_sigma is not None)
+    model = _with_white(model, white, np.where(known, 1.0, np.inf))
     if (noisier > 1.0).any():
         why = why.replace(
             "as the receiver says", f"{times_as_noisy(noisier)} what the receiver says", 1
         )
     lasts = model.position_markov[0] / _whole(model)[0]
-    return replace(
+    made = replace(
         start,
         settings=replace(start.settings, gnss=model),
         gnss=epochs,
         gnss_why=f"{why}; {lasts:.0%} of the position noise varies slowly, over minutes",
         noisier=(float(noisier[0]), float(noisier[2])),
     )
+    return with_white_velocity(made, gnss, config, start.velocity_noise)
+
+
+def with_white_velocity(
+    start: FilterStart, gnss: GnssEpochs, config: ProcessConfig, measured: tuple[float, float]
+) -> FilterStart:
+    """A start with the white noise of velocities that a log shows, where that is more.
+
+    What the receiver or an option says holds unless it is clearly too little.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs
+        As the receiver gives them.
+    measured : tuple of float
+        White noise, horizontal and vertical, m/s; NaN where it does not show.
+    """
+    if config.filter.gnss_noise_scale != 1.0:
+        return start
+    before = start.settings.gnss
+    usual, whole = np.array(before.velocity_white), _whole_velocity(before)
+    white = np.array([measured[0], measured[0], measured[1]])
+    stated = np.isfinite(gnss.sigma_velocity_n).any(axis=0)
+    known = stated | (config.gnss.gnss_sigma_v != USUAL_SIGMA_V)
+    noisier = white > np.where(known, TOO_LITTLE * whole, usual)
+    start = replace(start, velocity_noise=measured)
+    if not noisier.any():
+        return start
+    white = np.where(noisier, white, usual)
+    sigma = np.sqrt(np.square(start.gnss.sigma_velocity_n) + np.square(white) - np.square(usual))
+    times = np.where(stated & noisier, np.hypot(white, before.velocity_markov) / whole, 1.0)
+    model = replace(before, velocity_white=_triple(white))
+    text = f"velocities vary by {white[0]:.3g} m/s (down {white[2]:.3g} m/s) at each epoch"
+    return replace(
+        start,
+        settings=replace(start.settings, gnss=model),
+        gnss=replace(start.gnss, sigma_velocity_n=sigma),
+        gnss_why=f"{start.gnss_why}; {text}",
+        noisier_velocity=(float(times[0]), float(times[2])),
+    )
+
+
+def velocities_noisier(before: FilterStart, after: FilterStart) -> bool:
+    """Whether the noise of velocities has become clearly more than it was thought to be."""
+    whole = _whole_velocity(before.settings.gnss)
+    return bool((np.array(after.settings.gnss.velocity_white) > TOO_LITTLE * whole).any())
 
 
 def times_as_noisy(noisier: ArrayLike) -> str:
@@ -160,10 +208,17 @@ def _whole(model: GnssModel) -> np.ndarray:
     return np.hypot(model.position_white, model.position_markov)
 
 
-def _with_white(model: GnssModel, white: np.ndarray) -> GnssModel:
-    """A receiver's noise, of which so much, m, NED, is white."""
+def _whole_velocity(model: GnssModel) -> np.ndarray:
+    """White and lasting noise of velocities together, m/s, NED."""
+    return np.hypot(model.velocity_white, model.velocity_markov)
+
+
+def _with_white(model: GnssModel, white: np.ndarray, most: np.ndarray) -> GnssModel:
+    """A receiver's noise, of which so much, m, NED, is white; in all it grows `most` times."""
     whole = _whole(model)
-    white = np.clip(white, model.position_white, whole)
+    usual = np.array(model.position_white)
+    white = np.clip(np.where(np.isfinite(white), white, usual), usual, most * whole)
+    whole = np.maximum(whole, white)
     slow = np.maximum(np.sqrt(np.maximum(whole**2 - white**2, 0.0)), LEAST_SLOW * whole)
     return replace(
         model,

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.config.align import GnssOptions
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.result import fields_in
 from sinstool.core.rotation import from_dcm
@@ -49,6 +48,7 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
     vehicle_of,
 )
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
+from sinstool.pipelines.process.ins_gnss.receiver import USUAL_SIGMA_V
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions, find_vehicle
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
@@ -77,7 +77,6 @@ DIAGNOSTIC_NAMES = (
 )
 # Part of a log that a diagnosis looks at: faults show within minutes.
 DIAGNOSED_NS = 300 * SECOND
-USUAL_SIGMA_V = GnssOptions().gnss_sigma_v
 DETAIL_ROWS = 512
 
 

@@ -41,8 +41,10 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
     gnss_model,
     inflate_sigmas,
     times_as_noisy,
+    velocities_noisier,
     with_lasting_share,
     with_measured_noise,
+    with_white_velocity,
 )
 from sinstool.pipelines.process.ins_gnss.slow_errors import with_slow_errors
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag, white_noise, with_offsets
@@ -176,6 +178,13 @@ def timed_start(
             " change, and are weighted accordingly; --gnss-noise-scale overrides this"
         )
         start = replace(start, warnings=(warning, *start.warnings))
+    if max(start.noisier_velocity) > 1.0:
+        warning = (
+            f"velocities are {times_as_noisy(start.noisier_velocity)} as noisy as the receiver"
+            " says, by how they change, and are weighted accordingly; --gnss-noise-scale overrides"
+            " this"
+        )
+        start = replace(start, warnings=(warning, *start.warnings))
     if max(start.slow_errors) > 1.0:
         north, _, down = start.settings.gnss.position_markov
         warning = (
@@ -196,7 +205,7 @@ def _timed(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> FilterStart:
     """A start with the receiver's latency and noise."""
-    here = to_align_as(config, first.grade)
+    here, gnss = to_align_as(config, first.grade), source.aiding.gnss
 
     def begin(latency: float, arm_b: np.ndarray | None) -> FilterStart:
         timed = replace(first.settings, gnss_latency=latency)
@@ -223,6 +232,14 @@ def _timed(
         first = noisy
         noisy = begin(first.settings.gnss_latency, None)
     timed = with_offsets(source, config, algorithm, noisy, begin)
+    # Velocities at a wrong time look noisy, and noisy ones hardly show the time
+    shown = white_noise(source, config, algorithm, timed)
+    if shown is not None and gnss is not None:
+        quieter, timed = timed, with_white_velocity(timed, gnss, config, shown.velocity)
+        if velocities_noisier(quieter, timed):
+            first = timed
+            noisy = begin(first.settings.gnss_latency, None)
+            timed = with_offsets(source, config, algorithm, noisy, begin)
     return _wandering(source, config, algorithm, timed)
 
 
@@ -359,9 +376,9 @@ def _with_noise(
     if share is not None:
         return with_lasting_share(start, share)
     shown = white_noise(source, config, algorithm, start)
-    return (
-        start if shown is None or gnss is None else with_measured_noise(start, gnss, config, shown)
-    )
+    if shown is None or gnss is None or not np.isfinite(shown.position[0]):
+        return start
+    return with_measured_noise(start, gnss, config, shown.position)
 
 
 def _latency_why(start: FilterStart) -> str:

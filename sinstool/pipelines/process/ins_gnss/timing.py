@@ -10,12 +10,12 @@ the mean of both, so that positions are valid at ``stamp - latency + lag/2`` and
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.arrays import BoolArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import wrapped
@@ -193,17 +193,30 @@ def motion_from(
     return [concatenate(parts)] if parts else []
 
 
+@dataclass(frozen=True)
+class WhiteNoise:
+    """White noise of fixes as a log shows it.
+
+    Attributes
+    ----------
+    position, velocity : tuple of float
+        Horizontal (of one axis) and vertical, m and m/s; NaN where too few fixes show it.
+    """
+
+    position: tuple[float, float]
+    velocity: tuple[float, float]
+
+
 def white_noise(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
-) -> tuple[float, float] | None:
-    """White noise of positions, horizontal and vertical, m; None where too few fixes show it.
+) -> WhiteNoise | None:
+    """White noise of positions and velocities; None where too few fixes show that of either.
 
     From second differences of the innovations of a filter that hardly believes the fixes: what
     lasts in them, errors of the fixes and of the navigation alike, is nearly straight over three
     epochs and drops out. Medians leave single bad fixes aside.
     """
     gnss = start.used
-    gnss = gnss.rows(gnss.has_position)
     parts = motion_from(source, config, algorithm, start.time_ns)
     if not parts or len(gnss) < LEAST_EPOCHS:
         return None
@@ -214,14 +227,28 @@ def white_noise(
         rows.append(run.push(part, fixes).gnss)
         fixes = None
     epochs = concatenate(rows)
-    steps = np.diff(epochs.time_ns)
+    position = _scatter(epochs.time_ns, epochs.innovation[:, :3])
+    return WhiteNoise(position, _scatter(epochs.time_ns, epochs.innovation[:, 3:]))
+
+
+def _scatter(time_ns: IntArray, innovation: FloatArray) -> tuple[float, float]:
+    """White noise of innovations, shape (n, 3), of one horizontal axis and of the vertical one."""
+    there = np.isfinite(innovation[:, :2]).all(axis=1)
+    time_ns, innovation = time_ns[there], innovation[there]
+    steps = np.diff(time_ns)
     even = np.abs(np.diff(steps)) < 0.5 * np.median(steps) if len(steps) > 1 else np.zeros(0, bool)
-    bend = np.diff(epochs.innovation[:, :3], 2, axis=0)[even]
+    bend = np.diff(innovation, 2, axis=0)[even]
     if len(bend) < LEAST_EPOCHS:
-        return None
+        return np.nan, np.nan
     # Of independent unit normals 1, -2 and 1 times make a variance of 6
-    variance = np.nanmedian(bend**2, axis=0) / (MEDIAN_SQUARE * 6.0)
-    return float(np.sqrt(np.mean(variance[:2]))), float(np.sqrt(variance[2]))
+    axes = np.sqrt([_median(column**2) / (MEDIAN_SQUARE * 6.0) for column in bend.T])
+    return float(np.hypot(axes[0], axes[1]) / np.sqrt(2.0)), float(axes[2])
+
+
+def _median(values: FloatArray) -> float:
+    """Of those that are finite; NaN where there are too few."""
+    good = values[np.isfinite(values)]
+    return float(np.median(good)) if len(good) >= LEAST_EPOCHS else np.nan
 
 
 def _loose(settings: Settings) -> Settings:
