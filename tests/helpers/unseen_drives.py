@@ -170,6 +170,15 @@ def flight(seed, duration=600.0, turbulent=False):
     return motion_of(t, velocity, angles)
 
 
+def straight_flight(seed, straight=250.0, duration=420.0):
+    """An aircraft at 60 m/s that flies straight and level for some time, and then turns."""
+    random = np.random.default_rng([seed, 12])
+    t = np.arange(0.0, duration, 1.0 / RATE)
+    bank = smoothed(random_levels(random, t, (10.0, 40.0), 25.0 * DEG), 8.0)
+    bank *= np.clip((t - straight) / 10.0, 0.0, 1.0)
+    return motion_of(t, *banked(random, t, np.full_like(t, 60.0), bank, np.zeros_like(t)))
+
+
 def banked(random, t, speed, bank, climb):
     """Velocity through the air, and angles, of an aircraft in coordinated turns."""
     heading = running_integral(9.81 * np.tan(bank) / speed, 2.0 * np.pi * random.random())

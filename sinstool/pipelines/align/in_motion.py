@@ -43,7 +43,7 @@ BEFORE_LIFT_OFF_NS = 10 * SECOND
 # recorded drives of a few minutes those of two consumer grade IMUs moved by 20 to 70 deg/h.
 AFTER_REST = 45.0 * DEGREE / 3600.0
 # Where the first motion does not show the attitude, alignment begins so much later, s.
-LATER_S = (60.0, 120.0, 180.0, 300.0, 480.0)
+LATER_S = (60.0, 120.0, 180.0, 240.0, 300.0, 420.0, 600.0)
 # Bias of a cheap gyro that never rests, where that of its grade does not fit, rad/s.
 UNKNOWN_BIAS = 0.5 * DEGREE
 

@@ -13,7 +13,12 @@ from sinstool.methods.ins_gnss.fix_velocity import (
     split_position_velocity,
     with_velocities,
 )
-from sinstool.pipelines.process.ins_gnss.receiver import STAMP_S, gnss_model, inflate_sigmas
+from sinstool.pipelines.process.ins_gnss.receiver import (
+    STAMP_S,
+    gnss_model,
+    inflate_sigmas,
+    with_white_velocity,
+)
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag
 from tests.helpers.filter_logs import start_of
 from tests.helpers.gnss import straight
@@ -185,3 +190,43 @@ def test_fixes_are_as_noisy_as_they_show_and_no_less_than_the_receiver_says(
     assert np.median(start.gnss.sigma_position_n[:, 0]) == pytest.approx(used, rel=0.25)
     said = any("as noisy as the receiver says" in text for text in start.warnings)
     assert said == (expected > 1.0) == ("times (vertically" in start.gnss_why)
+
+
+@pytest.mark.parametrize(
+    ("noise", "groups", "expected"),
+    [
+        (0.4, {}, 0.4),
+        (0.02, {}, 0.05),  # the usual white part
+        (0.4, {"gnss": {"gnss_sigma_v": 0.4}}, 0.447 * 0.44),  # as the option says
+    ],
+)
+def test_velocities_without_covariance_are_as_noisy_as_they_show(tmp_path, noise, groups, expected):
+    """Of 0.3 m/s in a receiver that says nothing, taken for 0.11, most fixes were rejected."""
+    data = record(
+        drive(4, 150.0, 10.0), GRADES["industrial"], 4, sigma=0.2, sigma_v=noise, latency=0.1
+    )
+    log = write(tmp_path / "log.mcap", data)
+    gnss = {"lever_arm": tuple(LEVER.tolist()), **groups.get("gnss", {})}
+    start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss=gnss)
+    assert start.settings.gnss.velocity_white[:2] == pytest.approx(2 * [expected], rel=0.25)
+    assert start.settings.gnss_latency == pytest.approx(0.1, abs=0.04)
+    assert ("velocities vary by" in start.gnss_why) == (expected == 0.4)
+    assert not any("velocities are" in text for text in start.warnings)
+    # What a receiver claims is enlarged in the same way, and said
+    stated = np.full((len(start.gnss), 3), 0.05)
+    claims = dataclasses.replace(start.gnss, sigma_velocity_n=stated)
+    calm = dataclasses.replace(start.settings, gnss=gnss_model(claims, ProcessConfig())[0])
+    before = dataclasses.replace(start, settings=calm, gnss=claims)
+    after = with_white_velocity(before, claims, ProcessConfig(), (noise, noise))
+    assert after.noisier_velocity == pytest.approx(2 * [max(noise / 0.05, 1.0)], rel=0.1)
+    assert after.gnss.sigma_velocity_n == pytest.approx(max(noise, 0.05), rel=0.1)
+
+
+def test_positions_without_covariance_are_as_noisy_as_they_show(tmp_path):
+    data = record(drive(4, 150.0, 10.0), GRADES["industrial"], 4, gnss_rate=2.0, sigma=15.0)
+    data = dataclasses.replace(data, fixes=dataclasses.replace(data.fixes, sigma=0.0))
+    log = write(tmp_path / "log.mcap", data)
+    gnss = {"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0}
+    start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss=gnss)
+    assert start.settings.gnss.position_white == pytest.approx(3 * [15.0], rel=0.25)
+    assert start.noisier == (1.0, 1.0)
