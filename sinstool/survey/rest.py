@@ -35,9 +35,11 @@ APART_S = 5.0
 # attitude, rad, nor the specific force, m/s^2, by more than this.
 KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE = 30.0, 0.5, 0.05, 0.15
 # Fixes of a rest further than this from where the vehicle stands, m, and those of some seconds
-# more, are of a receiver that has not settled; of its second half so many say where that is.
+# more, are of a receiver that has not settled; of its second half so many say where that is, of
+# which such a share may be bad ones.
 UNSETTLED_M = 10.0
 LEAST_FIXES = 10
+MOST_FAR = 0.1
 
 
 def rest_end(lead_in: StillSpan, spans: tuple[StillSpan, ...], windows: Windows) -> int:
@@ -87,10 +89,10 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     inside = gnss.rows(slice(begin, end))
     fast = inside.rows(inside.has_velocity)
     if len(fast):
-        speed = float(np.linalg.norm(np.median(fast.velocity_n[:, :2], axis=0)))
-        return (
-            speed if speed > max(MOVING_M_S, SIGMAS * _usual(fast.sigma_velocity_n, 0.0)) else None
-        )
+        least = max(MOVING_M_S, SIGMAS * _usual(fast.sigma_velocity_n, 0.0))
+        if _median_speed_of_means(fast) <= least:
+            return None
+        return float(np.median(np.linalg.norm(fast.velocity_n[:, :2], axis=1)))
     fixed = inside.rows(inside.has_position)
     if len(fixed) < 2:
         return None
@@ -100,10 +102,26 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     north, east = _metres(fixed, begin)
     step = time[ahead[begin]] - time[begin]
     far = _metres(fixed, ahead[begin])
-    speed = float(np.hypot(np.median((far[0] - north) / step), np.median((far[1] - east) / step)))
+    way = np.stack([far[0] - north, far[1] - east])
+    speed = float(np.linalg.norm(np.median(way / step, axis=1)))
     noise = SIGMAS * _usual(fixed.sigma_position_n, UNKNOWN_SIGMA_M)
-    way = speed * float(time[-1])
-    return speed if way > max(MOVING_M, noise) and speed > MOVING_M_S else None
+    if speed * float(time[-1]) > max(MOVING_M, noise) and speed > MOVING_M_S:
+        return speed
+    # Who drives in circles is back where he was, but not within seconds
+    apart = float(np.median(np.linalg.norm(way, axis=0)))
+    return apart / APART_S if apart > max(MOVING_M, 2.0 * noise) else None
+
+
+def _median_speed_of_means(gnss: GnssEpochs) -> float:
+    """Median horizontal speed of the means of velocity over `APART_S`, m/s.
+
+    Noise drops out of the means, and a vehicle in a circle keeps its speed.
+    """
+    piece = (gnss.time_ns - gnss.time_ns[0]) // round(APART_S * SECOND)
+    first = np.flatnonzero(np.diff(piece, prepend=-1))
+    count = np.diff(first, append=len(gnss))[:, None]
+    means = np.add.reduceat(gnss.velocity_n[:, :2], first) / count
+    return float(np.median(np.linalg.norm(means, axis=1)))
 
 
 def _near(gnss: GnssEpochs, start_ns: int, end_ns: int) -> bool:
@@ -137,8 +155,10 @@ def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, l
     north, east = _metres(gnss, slice(None))
     off = np.hypot(north - np.median(north[late]), east - np.median(east[late]))
     sigma = np.nan_to_num(gnss.sigma_position_n[:, :2].max(axis=1), nan=UNKNOWN_SIGMA_M)
-    wrong = resting & (off > np.maximum(UNSETTLED_M, SIGMAS * sigma))
-    if not wrong.any():
+    far = off > np.maximum(UNSETTLED_M, SIGMAS * sigma)
+    wrong = resting & ~late & far
+    # A receiver that is off until the end has not settled at all
+    if not wrong.any() or np.mean(far[late]) > MOST_FAR:
         return gnss, []
     last = gnss.time_ns[np.flatnonzero(wrong)[-1]] + round(APART_S * SECOND)
     wrong = resting & (gnss.time_ns <= last)

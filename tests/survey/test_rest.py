@@ -1,12 +1,15 @@
 """Rest is what the Imu says, unless fixes around it move."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from sinstool.survey.rest import moving_at
+from sinstool.survey.rest import moving_at, settled
 from tests.helpers.gnss import straight
 
 SECOND = 10**9
+RADIUS = 6.37e6
 
 
 @pytest.mark.parametrize("speed, moves", [(60.0, True), (10.0, True), (0.0, False)])
@@ -34,3 +37,27 @@ def test_a_rest_minutes_after_the_last_fix_is_not_refuted():
     assert moving_at(driving, 390 * SECOND, 490 * SECOND) is None
     late = driving.rows(driving.time_ns > 120 * SECOND)
     assert moving_at(late, 0, 30 * SECOND) is None
+
+
+def circling(radius, speed, *, with_velocity):
+    """A vehicle in a steady circle, a fix a second for five minutes."""
+    t = np.arange(0.0, 300.0)
+    turn = speed / radius * t
+    gnss = straight((t * SECOND).astype(np.int64), 0.0)
+    north, east = radius * np.sin(turn), -radius * np.cos(turn)
+    velocity = speed * np.stack([np.cos(turn), np.sin(turn), np.zeros_like(t)], axis=1)
+    return dataclasses.replace(
+        gnss,
+        latitude=gnss.latitude + north / RADIUS,
+        longitude=gnss.longitude + east / RADIUS / np.cos(gnss.latitude),
+        velocity_n=velocity if with_velocity else np.full((len(t), 3), np.nan),
+    )
+
+
+@pytest.mark.parametrize("with_velocity", [True, False])
+def test_a_steady_circle_is_no_rest_and_keeps_its_fixes(with_velocity):
+    """To an Imu it is a rest, and in the mean its velocity is none: no fix was left of the log."""
+    gnss = circling(60.0, 10.0, with_velocity=with_velocity)
+    assert moving_at(gnss, 0, 300 * SECOND) == pytest.approx(10.0, rel=0.2)
+    kept, findings = settled(gnss, 0, 300 * SECOND)
+    assert len(kept) == len(gnss) and not findings
