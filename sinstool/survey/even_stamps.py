@@ -235,7 +235,7 @@ def _steady(even: EvenStamps, stamp_ns: IntArray) -> bool:
     steps = np.minimum(np.diff(stamp_ns), LONGEST * even.usual_ns)
     if whole.sum() < 2:
         return len(even.count) == 1 and bool(steps.std())
-    apart = (even.interval_ns * np.sqrt(even.count))[whole].std()
+    apart = ((even.interval_ns - even.usual_ns) * np.sqrt(even.count))[whole].std()
     return bool(apart < STEADY * steps.std())
 
 
