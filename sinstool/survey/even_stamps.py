@@ -255,6 +255,11 @@ def _right(even: EvenStamps, imu: Imu, increments: bool) -> bool:
     else:
         slope = (imu.gyro[6:] - imu.gyro[:-6]) / (6.0 * interval)
         expected = slope * between
+    # Across a gap neither rates nor times belong together
+    whole = (
+        np.convolve(np.diff(block.time_ns) > GAP_INTERVALS * even.usual_ns, np.ones(6))[5:-5] < 1
+    )
+    residual, expected = residual[whole], expected[whole]
     square = float(np.sum(expected**2))
     if not square:
         return False
