@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import GnssOptions, ProcessConfig
-from sinstool.core.arrays import ArrayLike
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.streams import GnssEpochs
+from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity
 from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -28,6 +29,8 @@ TOO_LITTLE = 1.5
 LEAST_SLOW = 0.1
 # A receiver that claims less than this speaks of its own resolution.
 LEAST_POSITION, LEAST_VELOCITY = 0.005, 0.005
+# What a receiver says beyond so many times its usual sigma is an error that lasts so long, s.
+WORSE, WORSE_S = 2.0, 10.0
 # Stamps of receiver and Imu are no better than this, s: what a vehicle moves meanwhile is white
 # noise of a position.
 STAMP_S = 0.003
@@ -47,9 +50,26 @@ def inflate_sigmas(gnss: GnssEpochs, config: ProcessConfig, stamp_s: float = STA
     stamp = stamp_s * np.sqrt(np.stack([level, level, moving[:, 2]], axis=1))
     if not gnss.has_velocity.all():
         stamp = np.where(gnss.has_velocity[:, None], stamp, stamp_s * _speed(gnss))
-    position = factor * np.maximum(gnss.sigma_position_n, LEAST_POSITION)
+    position = factor * _worse_for_long(gnss)
     velocity = factor * np.maximum(gnss.sigma_velocity_n, LEAST_VELOCITY)
     return replace(gnss, sigma_position_n=np.hypot(position, stamp), sigma_velocity_n=velocity)
+
+
+def _worse_for_long(gnss: GnssEpochs) -> FloatArray:
+    """What the receiver says of positions, m, shape (n, 3), larger where it is worse than usual.
+
+    Between houses, or without its corrections, a receiver is off by as much as it says, but for
+    seconds in the same way: that is not noise of which the next fix takes off a part. As white
+    noise of fixes at their rate it has to be larger by the square root of how many fixes it lasts.
+    """
+    sigma = np.maximum(gnss.sigma_position_n, LEAST_POSITION)
+    stated = np.isfinite(sigma).all(axis=1)
+    if np.count_nonzero(stated) < 2:
+        return sigma
+    interval = float(np.median(np.diff(gnss.time_ns[stated]))) / SECOND
+    usual = np.square(WORSE * np.median(sigma[stated], axis=0))
+    excess = np.maximum(np.square(sigma) - usual, 0.0)
+    return np.sqrt(np.square(sigma) + (max(WORSE_S / interval, 1.0) - 1.0) * excess)
 
 
 def gnss_model(
