@@ -11,7 +11,13 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
-from sinstool.methods.sensor_errors import LIKELY, Grade, grade_by_bias, grade_by_noise
+from sinstool.methods.sensor_errors import (
+    IMU_GRADES,
+    LIKELY,
+    Grade,
+    grade_by_bias,
+    grade_by_noise,
+)
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
@@ -148,6 +154,16 @@ def bias_at_rest(source: Source) -> float | None:
     return max(0.0, min(rates) - EARTH_RATE) if rates else None
 
 
+def _small_bias(source: Source) -> bool:
+    """Whether a rest, however short, shows that the gyros' bias is about a tactical one at most."""
+    still = longest_rest(source.survey.spans, source.aiding.gnss)
+    if still is None:
+        return False
+    noise = still.gyro_std / np.sqrt(still.samples)
+    most = max(0.0, float(np.linalg.norm(still.gyro)) - EARTH_RATE) + 2.0 * noise
+    return bool(most <= 2.0 * LIKELY * IMU_GRADES["tactical"].gyro_bias)
+
+
 def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     """Grade of the IMU, and why.
 
@@ -167,6 +183,9 @@ def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     where = f"in {Path(file).name}" if file is not None and measured is not None else "at rest"
     grade, why = grade_by_noise(walk), f"by its gyro noise {where}, {shown:.2g} deg/sqrt(h)"
     bias = bias_at_rest(source)
+    if bias is None and measured is None and grade == "tactical" and not _small_bias(source):
+        # Calibrated MEMS have its noise, and biases tens of times those of a tactical gyro
+        return ImuGrade("industrial", f"{why}, as no rest shows its bias to be small")
     lower = grade if bias is None else grade_by_bias(grade, bias)
     if bias is None or lower == grade:
         return ImuGrade(grade, why)

@@ -55,7 +55,7 @@ def test_series_and_page_are_written(align, tmp_path):
     assert align(log, *options)[0] == 0
     rows = list(csv.DictReader(table.open()))
     assert float(rows[-1]["time_s"]) == pytest.approx(90.0, abs=0.2)
-    assert float(rows[-1]["sigma_worst_deg"]) < 1.0
+    assert float(rows[-1]["sigma_worst_deg"]) < 1.5
     text = page.read_text()
     for words in ("Status ok", "How well attitude is known", "Error against the reference",
                   "Singular values", "Residuals of the vectors", "Angular rate"):  # fmt: skip

@@ -11,10 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.monotone_cubic import integral
 from sinstool.core.parts import kernel
+from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.latency import NOT_OBSERVABLE, Latency, correlate
@@ -25,6 +26,10 @@ SHORTEST_S, LONGEST_S = 1.0, 4.0
 TARGET = 0.15
 LEAST = 5
 LEAST_SIGMA = 0.02
+# A fix so many times further off the line between its neighbours than usual is none; a vehicle that
+# turns, or brakes, accelerates by so much at most, m/s^2.
+OUTLYING, MOST_TURN, OUTLIER_ROUNDS = 15.0, 20.0, 5
+LEAST_FIXES = 40
 # Fixes at a time: a row of each takes half a kilobyte
 BLOCK = 2**14
 
@@ -46,7 +51,8 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
         `sigma_m`, and from what fixes are off their parabola beyond that: of a third derivative it
         takes four times the rms over half the window's length for velocity.
     """
-    rows = gnss.rows(gnss.has_position & np.isfinite(gnss.height))
+    # One that is far off would spoil the velocities of all around it
+    rows = gnss.rows(gnss.has_position & np.isfinite(gnss.height) & ~outlying(gnss))
     n = len(rows)
     if n < LEAST:
         return rows.rows(slice(0, 0))
@@ -63,6 +69,41 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
         here = np.arange(begin, min(begin + BLOCK, n))
         velocity[here], sigma[here], good[here] = _slopes(t, position, here, half, sigma_m)
     return replace(rows, velocity_n=velocity, sigma_velocity_n=sigma).rows(good)
+
+
+def outlying(gnss: GnssEpochs) -> BoolArray:
+    """Positions far off the line between their neighbours, shape (n,), whatever a filter expects.
+
+    A filter that takes every fix is thrown off by one that is a thousand sigmas away. Off the line
+    are fixes of a vehicle that turns or brakes too, by no more than it can. Of several in a row the
+    farthest is the one that is off, and the others are its neighbours.
+    """
+    bad = np.zeros(len(gnss), dtype=np.bool_)
+    rows = np.flatnonzero(gnss.has_position)
+    sigma = gnss.sigma_position_n[rows, :2]
+    stated = float(np.median(sigma[np.isfinite(sigma)])) if np.isfinite(sigma).any() else 0.0
+    # Outliers one after the other leave one at a time
+    for _ in range(OUTLIER_ROUNDS):
+        at = rows[~bad[rows]]
+        if len(at) < LEAST_FIXES:
+            break
+        seconds = (gnss.time_ns[at] - gnss.time_ns[at[0]]) * 1e-9
+        north, east = horizontal_metres(
+            gnss.latitude[at] - gnss.latitude[at[0]],
+            wrapped(gnss.longitude[at] - gnss.longitude[at[0]]),
+            gnss.latitude[at[0]],
+        )
+        place = np.stack([north, east, np.nan_to_num(gnss.height[at])], axis=1)
+        before, after = np.diff(seconds)[:-1], np.diff(seconds)[1:]
+        part = (before / (before + after))[:, None]
+        off = np.linalg.norm(place[1:-1] - (1.0 - part) * place[:-2] - part * place[2:], axis=1)
+        around = np.concatenate([[0.0], off, [0.0]])
+        limit = OUTLYING * max(float(np.median(off)), stated) + 0.5 * MOST_TURN * before * after
+        peak = (off >= around[:-2]) & (off >= around[2:]) & (off > limit)
+        if not peak.any():
+            break
+        bad[at[1:-1][peak]] = True
+    return bad
 
 
 def _slopes(

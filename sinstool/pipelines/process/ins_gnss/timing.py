@@ -15,15 +15,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.earth import horizontal_metres
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
-from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.fix_velocity import velocity_lag
+from sinstool.methods.ins_gnss.fix_velocity import outlying, velocity_lag
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.methods.strapdown.velocity import Increments
@@ -51,9 +49,6 @@ LOOSE_POSITION = (5.0, 5.0, 8.0)
 LOOSE_VELOCITY = (0.3, 0.3, 0.5)
 # For the white noise of fixes: epochs that show it; median of the square of a unit normal.
 LEAST_EPOCHS = 40
-# A fix so many times further off the line between its neighbours than usual is none; a vehicle that
-# turns, or brakes, accelerates by so much at most, m/s^2.
-OUTLYING, MOST_TURN, OUTLIER_ROUNDS = 15.0, 20.0, 5
 MEDIAN_SQUARE = 0.4549
 
 
@@ -140,41 +135,6 @@ def _likeliest_latency(
 
     best = min(LATENCIES.tolist(), key=misfit)
     return min((best + NEARER).tolist(), key=misfit)
-
-
-def outlying(gnss: GnssEpochs) -> BoolArray:
-    """Positions far off the line between their neighbours, shape (n,), whatever a filter expects.
-
-    A filter that takes every fix is thrown off by one that is a thousand sigmas away. Off the line
-    are fixes of a vehicle that turns or brakes too, by no more than it can. Of several in a row the
-    farthest is the one that is off, and the others are its neighbours.
-    """
-    bad = np.zeros(len(gnss), dtype=np.bool_)
-    rows = np.flatnonzero(gnss.has_position)
-    sigma = gnss.sigma_position_n[rows, :2]
-    stated = float(np.median(sigma[np.isfinite(sigma)])) if np.isfinite(sigma).any() else 0.0
-    # Outliers one after the other leave one at a time
-    for _ in range(OUTLIER_ROUNDS):
-        at = rows[~bad[rows]]
-        if len(at) < LEAST_EPOCHS:
-            break
-        seconds = (gnss.time_ns[at] - gnss.time_ns[at[0]]) * 1e-9
-        north, east = horizontal_metres(
-            gnss.latitude[at] - gnss.latitude[at[0]],
-            wrapped(gnss.longitude[at] - gnss.longitude[at[0]]),
-            gnss.latitude[at[0]],
-        )
-        place = np.stack([north, east, np.nan_to_num(gnss.height[at])], axis=1)
-        before, after = np.diff(seconds)[:-1], np.diff(seconds)[1:]
-        part = (before / (before + after))[:, None]
-        off = np.linalg.norm(place[1:-1] - (1.0 - part) * place[:-2] - part * place[2:], axis=1)
-        around = np.concatenate([[0.0], off, [0.0]])
-        limit = OUTLYING * max(float(np.median(off)), stated) + 0.5 * MOST_TURN * before * after
-        peak = (off >= around[:-2]) & (off >= around[2:]) & (off > limit)
-        if not peak.any():
-            break
-        bad[at[1:-1][peak]] = True
-    return bad
 
 
 def motion_from(

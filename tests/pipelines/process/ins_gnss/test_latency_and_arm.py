@@ -10,6 +10,7 @@ import pytest
 
 from sinstool.core.streams import GnssEpochs, take_rows
 from sinstool.methods.ins_gnss import receiver_offsets
+from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.methods.ins_gnss.receiver_offsets import (
     LATENCY_S,
     ReceiverOffsets,
@@ -322,12 +323,12 @@ def epochs_of(fixes):
 @pytest.mark.parametrize("rate", [1.0, 5.0])
 def test_fixes_far_off_their_neighbours_are_seen_before_any_filter(road, rate):
     data = record(road, GRADES["tactical"], 5, gnss_rate=rate, sigma=0.05)
-    clean = timing.outlying(epochs_of(data.fixes))
+    clean = outlying(epochs_of(data.fixes))
     assert not clean.any()
     spoilt = with_outliers(data, 3, 0.03, 40.0)
     moved_m = np.abs(spoilt.fixes.latitude - data.fixes.latitude) * 6.37e6
     moved_m += np.abs(spoilt.fixes.longitude - data.fixes.longitude) * 4e6
-    seen = timing.outlying(epochs_of(spoilt.fixes))
+    seen = outlying(epochs_of(spoilt.fixes))
     far = moved_m > 25.0
     assert far.any() and seen[far].all() and not seen[moved_m == 0.0].any()
 
@@ -341,10 +342,10 @@ def test_how_far_is_far_off_is_what_the_receiver_says_of_its_noise_and_what_is_u
     off[77] += [3.0, 0.0]
     gnss = GnssEpochs(times, times, 0.8 + off[:, 0] / 6.37e6, 0.1 + off[:, 1] / 4.4e6,
                       np.full(n, 100.0), none, np.full((n, 3), stated_m), none)  # fmt: skip
-    assert np.flatnonzero(timing.outlying(gnss)).tolist() == ([77] if far else [])
+    assert np.flatnonzero(outlying(gnss)).tolist() == ([77] if far else [])
 
 
 def test_a_position_held_at_rest_has_no_outliers(road):
     fixes = record(road, GRADES["tactical"], 5, gnss_rate=5.0, sigma=0.05).fixes
     held = fixes.rows(np.maximum(np.arange(len(fixes.seconds)), 100))
-    assert not timing.outlying(epochs_of(replace(held, seconds=fixes.seconds))).any()
+    assert not outlying(epochs_of(replace(held, seconds=fixes.seconds))).any()
