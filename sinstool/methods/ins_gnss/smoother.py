@@ -38,20 +38,20 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import displaced
-from sinstool.core.rotation import exp, multiply, normalise, wrapped
+from sinstool.core.rotation import wrapped
 from sinstool.methods.ins_gnss.between_rows import (
     ALONE,
     BEFORE,
     BETWEEN,
     covariances_between,
     errors_between,
+    turn,
 )
 from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
 from sinstool.methods.ins_gnss.rts import CORNER, Packed, pack, smooth_backward
 from sinstool.methods.ins_gnss.states import (
     ACCEL_BIAS,
     ACCEL_SCALE,
-    ATTITUDE,
     GYRO_BIAS,
     POSITION,
     VELOCITY,
@@ -240,7 +240,9 @@ def _moved(
 
 def _turned(q_nb: FloatArray, error: FloatArray) -> FloatArray:
     """Attitudes turned by psi."""
-    return np.asarray(normalise(multiply(exp(error[:, ATTITUDE : ATTITUDE + 3]), q_nb)))
+    out = np.empty(q_nb.shape)
+    turn(error, q_nb, out)
+    return out
 
 
 def smooth_updates(
