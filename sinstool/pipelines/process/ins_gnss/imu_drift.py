@@ -413,10 +413,9 @@ def _likeliest(cost: Callable[[float, float, float], float]) -> tuple[float, flo
     slope = 0.5 * np.subtract(ahead, behind)
     bend = np.diag(np.add(ahead, behind) - 2.0 * total(middle))
     for i, j in zip(*np.triu_indices(len(axes), 1), strict=True):
-        # Along the diagonal the bend is that of both axes and twice the mixed one
         both = total(middle + axes[i] + axes[j]) + total(middle - axes[i] - axes[j])
-        along = both - 2.0 * total(middle)
-        bend[i, j] = bend[j, i] = 0.5 * (along - bend[i, i] - bend[j, j])
+        apart = total(middle + axes[i] - axes[j]) + total(middle - axes[i] + axes[j])
+        bend[i, j] = bend[j, i] = 0.25 * (both - apart)
     # What the drift says is never less than nothing: the prior's own curvature remains
     values, vectors = np.linalg.eigh(bend)
     values = np.maximum(values, 2.0 * (np.log(2.0) / PRIOR_SIGMA) ** 2)
