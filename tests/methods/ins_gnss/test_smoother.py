@@ -10,9 +10,9 @@ from sinstool.core.rotation import conjugate, exp, log, multiply
 from sinstool.methods.ins_gnss import smoother as smoother_module
 from sinstool.methods.ins_gnss.layout import SENSORS
 from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
+from sinstool.methods.ins_gnss.rts import CORNER
 from sinstool.methods.ins_gnss.settings import DivergenceControl
 from sinstool.methods.ins_gnss.smoother import Smoother, smooth_epochs, smooth_updates
-from sinstool.methods.ins_gnss.rts import CORNER
 from sinstool.methods.ins_gnss.states import FILTERS, GYRO_BIAS, I_MOVING
 from sinstool.methods.strapdown.navigation import SIZE
 from sinstool.simulation.gnss import GnssFaults
