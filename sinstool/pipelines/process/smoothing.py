@@ -149,7 +149,9 @@ class Smoothing:
         epochs = with_rest(stage.finish(), self._gnss_moves, spans)
         give_back()
         epochs, motion, sensors, prior = self._understood(epochs)
+        give_back()
         correction = smooth(epochs, motion.model, sensors, prior)
+        give_back()
         if self._magnetic is not None:
             north = self._magnetic.north(epochs, correction.at(epochs.time_ns))
             if north is not None:
