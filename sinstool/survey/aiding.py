@@ -75,9 +75,13 @@ class AidingData:
     wheels: WheelSpeeds = field(default_factory=WheelSpeeds)
 
 
-def aiding_channels(log: Log) -> list[int]:
-    """Channels that GNSS, a barometer and wheels may be read from, but for outputs of ours."""
-    types = {FIX_TYPE, PRESSURE_TYPE, JOINT_TYPE, *VELOCITY_TYPES, *HEIGHT_TYPES}
+def aiding_channels(log: Log, barometer: bool, wheels: bool) -> list[int]:
+    """Channels that GNSS may be read from, and if need be these, but for outputs of ours."""
+    types = {FIX_TYPE, *VELOCITY_TYPES}
+    if barometer:
+        types |= {PRESSURE_TYPE, *HEIGHT_TYPES}
+    if wheels:
+        types.add(JOINT_TYPE)
     return [
         number
         for number, channel in log.channels.items()

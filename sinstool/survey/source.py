@@ -117,8 +117,10 @@ def prepare(
         text = f"Imu topic {topic.topic}: {topic.reason}"
         findings.append(Finding("imu-topic", text, topic=topic.topic))
     all_gnss = not gyro_only and needs_all_gnss(log, config)
+    needs_baro = not gyro_only and _may_need_barometer(log, config)
+    needs_wheels = all_gnss and config.navigation.mode in ("auto", "ins-gnss")
     if all_gnss:
-        log.cache(aiding_channels(log))
+        log.cache(aiding_channels(log, needs_baro, needs_wheels))
     elif not gyro_only and _may_need_magnetometer(config):
         log.cache(magnetic_channels(log))
     survey_, samples = surveyed or survey_samples(log, topic, options, progress)
@@ -130,10 +132,10 @@ def prepare(
             raise DataError(log.path, oddity.text, oddity.answer)
         findings.append(oddity)
     aiding = _gnss(log, config, survey_, None if all_gnss else lead_in_end(survey_))
-    if not gyro_only and _may_need_barometer(log, config):
+    if needs_baro:
         barometer = read_barometer(log, config.input, survey_.time_source == "log")
         aiding = replace(aiding, barometer=barometer)
-    if all_gnss and config.navigation.mode in ("auto", "ins-gnss"):
+    if needs_wheels:
         aiding = _with_wheels(log, config, aiding, survey_.time_source == "log")
     findings += [*aiding.findings, *against_gnss(log.path, options, survey_, aiding)]
     survey_, aiding, steady = _truly_at_rest(survey_, aiding)

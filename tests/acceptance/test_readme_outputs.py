@@ -89,13 +89,12 @@ def short(text):
 
 @pytest.fixture(
     scope="module",
-    params=[*(b.text for b in BLOCKS), *COMMANDS],
+    params=[*(b.script for b in BLOCKS), *COMMANDS],
     ids=[*(f"block {k}" for k in range(len(BLOCKS))), *map(short, COMMANDS)],
 )
 def written(request, tmp_path_factory):
     """The files that a command wrote."""
-    text = docs.INSTALL.sub("", request.param).replace(".venv/bin/", "")
-    return run(text, tmp_path_factory.mktemp("readme"))
+    return run(request.param, tmp_path_factory.mktemp("readme"))
 
 
 def test_python_clients(written, home):

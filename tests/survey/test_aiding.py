@@ -1,5 +1,7 @@
 """GNSS and barometer out of a log: what is used, what is counted, what is refused."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,9 @@ from sinstool.config.load import build
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.io.readers import open_log
+from sinstool.io.readers.message_types import FIX_TYPE, JOINT_TYPE, PRESSURE_TYPE
 from sinstool.pipelines.process.run import process
-from sinstool.survey.aiding import read_barometer
+from sinstool.survey.aiding import aiding_channels, read_barometer
 from sinstool.survey.gnss import join, read_gnss
 from tests.helpers.imulogs import (
     Message,
@@ -302,3 +305,13 @@ def test_a_velocity_belongs_to_the_nearest_fix_only():
     np.testing.assert_array_equal(epochs.time_ns, times)
     np.testing.assert_array_equal(np.flatnonzero(epochs.has_velocity), [2, 7])
     np.testing.assert_array_equal(epochs.velocity_n[7], [3.0, 4.0, 5.0])
+
+
+def test_only_what_will_be_read_is_kept():
+    types = (FIX_TYPE, PRESSURE_TYPE, JOINT_TYPE, "sensor_msgs/msg/Imu")
+    channels = {k: SimpleNamespace(type=t, topic=f"/{k}") for k, t in enumerate(types)}
+    channels[4] = SimpleNamespace(type=FIX_TYPE, topic="/sinstool/fix")
+    log = SimpleNamespace(channels=channels)
+    assert aiding_channels(log, barometer=False, wheels=False) == [0]
+    assert aiding_channels(log, barometer=True, wheels=False) == [0, 1]
+    assert aiding_channels(log, barometer=False, wheels=True) == [0, 2]

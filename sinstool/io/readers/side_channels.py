@@ -8,7 +8,7 @@ import numpy as np
 
 from sinstool.io.readers.batch import RawBatch
 
-# Topics that are larger together are read again from the log.
+# Topics that are larger together, with what is known of each message, are read again from the log.
 MAX_BYTES = 64 * 2**20
 # Messages that are answered with at a time
 ROWS = 2**16
@@ -36,6 +36,7 @@ class SideChannelCache:
     def _empty(self) -> None:
         # One piece that grows in place: to join pieces would take their memory a second time
         self._payload = bytearray()
+        self._messages = 0
         self._columns: dict[str, list[np.ndarray]] = {name: [] for name in _COLUMNS}
         self._whole: RawBatch | None = None
 
@@ -54,7 +55,8 @@ class SideChannelCache:
         ends = np.cumsum(chosen.length)
         begins = ends - chosen.length
         size = len(self._payload)
-        if size + int(ends[-1]) > MAX_BYTES:
+        self._messages += len(chosen)
+        if size + int(ends[-1]) + self._messages * 8 * len(_COLUMNS) > MAX_BYTES:
             self.channels = frozenset()
             self._empty()
             return

@@ -22,6 +22,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     ACCEL_VARIANCE,
     AT_REST,
     COUNT,
+    FORCE_DOUBT,
     GYRO,
     GYRO_VARIANCE,
     MOVING,
@@ -72,6 +73,8 @@ SHORT_SHARE = 1.0 / 3.0
 LEAST_SHARE = 0.5
 # Rests of one log show one bias, rad/s, and one size of gravity, m/s^2: steady turns show others.
 SAME_BIAS, SAME_FORCE = 0.02, 0.15
+# What says of an epoch whether it rests, and how far that is in doubt.
+MARKS = [REST, RATE_DOUBT, TURN_DOUBT, FORCE_DOUBT]
 
 
 def with_rest(
@@ -110,7 +113,9 @@ def with_rest(
     return epochs
 
 
-def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -> Epochs:
+def confirmed(
+    epochs: Epochs, sensors: SensorModel, tilt: float | None = None, in_place: bool = False
+) -> Epochs:
     """The epochs, without the rests that the states of a filter refute.
 
     Parameters
@@ -120,6 +125,8 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     sensors : SensorModel
     tilt : float, optional
         See :func:`~sinstool.methods.attitude_smoother.start.first_state`.
+    in_place : bool, optional
+        Mark the epochs themselves, as a long log's take much memory; `MARKS` alone change.
 
     Returns
     -------
@@ -129,17 +136,19 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
         or where the tilt leaves room for a steady acceleration; so is a rest of five seconds that
         is refuted for more than half of them, and what looked like rest for less than a window.
     """
-    if not epochs.rest.any():
+    still = epochs.rest
+    if not still.any():
         return epochs
-    rows = epochs.values.copy()
+    rows = epochs.values if in_place else epochs.values.copy()
+    looked = rows[:, MARKS].copy()
     sway = rows[:, SWAY_RATE]
     # the median sway: the last epochs of a rest may sway more as motion begins
-    usual = float(np.median(sway[epochs.rest]))
-    _drop_short_turns(rows, epochs, sensors, usual)
-    quiet = min(np.median(sway[begin:end]) for begin, end in runs(epochs.rest))
+    usual = float(np.median(sway[still]))
+    _drop_short_turns(rows, epochs.time_ns, still, sensors, usual)
+    quiet = min(np.median(sway[begin:end]) for begin, end in runs(still))
     own = rows[:, OWN_RATE]
-    sways = epochs.rest & (sway > SWAYS * np.minimum(own, quiet))
-    for begin, end in runs(epochs.rest):
+    sways = still & (sway > SWAYS * np.minimum(own, quiet))
+    for begin, end in runs(still):
         slightly = max(SWAYS_SLIGHTLY, 1.0 + 3.0 * np.sqrt(2.0 / (3.0 * (end - begin))))
         noise = float(np.median(own[begin:end]))
         about = float(np.median(sway[begin:end]))
@@ -149,15 +158,17 @@ def confirmed(epochs: Epochs, sensors: SensorModel, tilt: float | None = None) -
     kinds = np.zeros(len(epochs))
     # In place, as a long log's epochs take much memory
     kept = rows[:, GYRO : GYRO + 3].copy(), rows[:, RATE_DOUBT].copy()
-    _set_long_medians(rows, epochs.rest, usual)
-    if filtered(replace(epochs, values=rows), VEHICLE, sensors, tilt, kinds) == DIVERGED:
-        return epochs
+    _set_long_medians(rows, still, usual)
+    diverged = filtered(replace(epochs, values=rows), VEHICLE, sensors, tilt, kinds) == DIVERGED
     rows[:, GYRO : GYRO + 3], rows[:, RATE_DOUBT] = kept
-    denied = epochs.rest & (kinds == MOVING)
+    if diverged:
+        rows[:, MARKS] = looked
+        return epochs
+    denied = still & (kinds == MOVING)
     near = np.convolve(denied, np.ones(2 * WINDOW + 1))[WINDOW:-WINDOW] > 0.0
     rows[:, REST] = np.where(near, MOVING, kinds)
     drop_lulls(rows)
-    _drop_pieces(rows, epochs.rest)
+    _drop_pieces(rows, still)
     note_doubt(rows, sensors)
     return replace(epochs, values=rows)
 
@@ -211,15 +222,17 @@ def _set_long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> None
         rows[begin:end, RATE_DOUBT] = usual * min(1.0, SWAY_LASTS / wide) + TRANSPORT_RATE**2
 
 
-def _drop_short_turns(rows: np.ndarray, epochs: Epochs, sensors: SensorModel, usual: float) -> None:
+def _drop_short_turns(
+    rows: np.ndarray, time_ns: np.ndarray, still: np.ndarray, sensors: SensorModel, usual: float
+) -> None:
     """Mark short rests as moving where their rate is not that of the longest: a slow turn."""
-    first, last = max(runs(epochs.rest), key=lambda run: run[1] - run[0])
+    first, last = max(runs(still), key=lambda run: run[1] - run[0])
     rate = rows[:, GYRO : GYRO + 3] - np.median(rows[first:last, GYRO : GYRO + 3], axis=0)
-    at = epochs.time_ns[:-1]
+    at = time_ns[:-1]
     apart_s = np.maximum(np.maximum(at[first] - at, at - at[last - 1]), 0) / SECOND
     sway = sensors.zero_rate**2 + usual
     unlike = LIKELY * np.sqrt(sway + (sensors.bias_drift * apart_s) ** 2) + EARTH_RATE
-    other = epochs.rest & (np.linalg.norm(rate, axis=1) > unlike)
+    other = still & (np.linalg.norm(rate, axis=1) > unlike)
     for begin, end in runs(other):
         if end - begin < SHORT_SHARE * (last - first):
             rows[begin:end, REST] = MOVING

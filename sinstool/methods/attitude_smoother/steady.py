@@ -60,6 +60,7 @@ def with_steady(
     motion: MotionModel,
     sensors: SensorModel,
     prior: Prior = NO_PRIOR,
+    in_place: bool = False,
 ) -> Epochs:
     """The epochs of a vehicle, with steady ones marked anew.
 
@@ -73,6 +74,8 @@ def with_steady(
         A hand's is never steady.
     sensors : SensorModel
     prior : Prior, optional
+    in_place : bool, optional
+        See :func:`~sinstool.methods.attitude_smoother.rest.confirmed`.
 
     Returns
     -------
@@ -81,7 +84,7 @@ def with_steady(
         and their mean specific force and rate are those of gravity and of the bias. A rest in which
         the vehicle shakes as in motion may be a lull, which only shows the bias.
     """
-    kinds = epochs.values[:, REST]
+    kinds = epochs.values[:, REST].copy()
     shake = epochs.values[:, ACCEL_VARIANCE : ACCEL_VARIANCE + 3].sum(axis=1)
     moving = shake[(kinds == MOVING) & ~epochs.gap]
     calm = CALM * float(np.median(moving)) if len(moving) >= LULL else np.inf
@@ -93,7 +96,7 @@ def with_steady(
     long = any(end - begin >= LULL for begin, end in runs(doubted))
     if motion.c0 or not (long or lull.any()):
         return epochs
-    values = epochs.values.copy()
+    values = epochs.values if in_place else epochs.values.copy()
     values[lull | (kinds == STEADY), REST] = QUIET
     note_doubt(values, sensors)
     alone = values[:, REST].copy()
@@ -102,7 +105,6 @@ def with_steady(
         smoothed = smooth(replace(epochs, values=values), motion, sensors, prior)
         smoothed = smoothed.at(epochs.time_ns)
         agrees, tilted = _agrees(epochs, looks_at_rest, sensors, smoothed)
-        values = values.copy()
         values[:, REST] = np.where(doubted & agrees, STEADY, alone)
         drop_lulls(values)
         note_doubt(values, sensors)

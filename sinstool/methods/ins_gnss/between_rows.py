@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.parts import kernel
+from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
 from sinstool.methods.ins_gnss.states import ATTITUDE, POSITION, VELOCITY
 
 # Where an update lies: between two rows, before the first, or where nothing is known beyond the
@@ -106,3 +107,23 @@ def covariances_between(
                 velocity[i, j, k] = c + s * (after[VELOCITY + j, VELOCITY + k] - c)
                 c = before[ATTITUDE + j, ATTITUDE + k]
                 attitude[i, j, k] = c + s * (after[ATTITUDE + j, ATTITUDE + k] - c)
+
+
+@kernel()
+def turn(error: FloatArray, q: FloatArray, out: FloatArray) -> None:
+    """Turn attitudes by psi.
+
+    Parameters
+    ----------
+    error : ndarray, shape (n, states)
+    q : ndarray, shape (n, 4)
+        ``q_nb``.
+    out : ndarray, shape (n, 4)
+        Gets them.
+    """
+    for i in range(len(error)):
+        pw, px, py, pz = increment_quaternion(
+            error[i, ATTITUDE], error[i, ATTITUDE + 1], error[i, ATTITUDE + 2], 0
+        )
+        w, x, y, z = product(pw, px, py, pz, q[i, 0], q[i, 1], q[i, 2], q[i, 3])
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = to_unit(w, x, y, z)

@@ -11,9 +11,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sinstool.core.arrays import ArrayLike, FloatArray
-from sinstool.core.congruence import congruent
-from sinstool.core.rotation import to_dcm
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
+from sinstool.core.parts import kernel, part
+from sinstool.core.quaternion_kernels import dcm
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
 
@@ -59,26 +59,102 @@ class OffsetsError:
         if not self._moment.any() or not len(solution) or v is None:
             return solution
         assert position is not None and velocity is not None and attitude is not None
-        now = np.concatenate([-v[:, :, None], to_dcm(solution.q_nb)], axis=2)
+        kept = len(self._time_ns)
         time = np.concatenate([self._time_ns, solution.time_ns])
-        shift = np.concatenate([self._shift, now])
-        before = self._at(solution.time_ns - HELD_NS, time, shift)
+        shift = np.concatenate([self._shift, np.empty((len(solution), 3, 4))])
+        position, velocity = position.copy(), velocity.copy()
+        _shifts(v, solution.q_nb, shift[kept:])
+        change = np.empty((3, 4))
+        _add(time, shift, kept, HELD_NS, self._moment, change, position, velocity)
         speed = np.linalg.norm(v, axis=1).max()
         self.largest_m = max(self.largest_m, float(np.sqrt(self._moment[0, 0]) * speed))
         latest = slice(max(int(np.searchsorted(time, time[-1] - HELD_NS)) - 1, 0), None)
-        self._time_ns, self._shift = time[latest], shift[latest]
+        self._time_ns, self._shift = time[latest], shift[latest].copy()
         return replace(
             solution,
-            covariance_position_n=position + congruent(now, self._moment),
-            covariance_velocity_n=velocity
-            + congruent((now - before) / (HELD_NS / SECOND), self._moment),
+            covariance_position_n=position,
+            covariance_velocity_n=velocity,
             covariance_attitude_n=attitude + self._attitude,
         )
 
-    def _at(self, when: np.ndarray, time: np.ndarray, shift: FloatArray) -> FloatArray:
-        """Shifts at other times, between those there are."""
-        since = (time - time[0]).astype(np.float64)
-        columns = shift.reshape(len(shift), -1).T
-        when_ns = (when - time[0]).astype(np.float64)
-        between = np.stack([np.interp(when_ns, since, column) for column in columns], axis=1)
-        return between.reshape(-1, 3, 4)
+
+@kernel()
+def _shifts(v: FloatArray, q: FloatArray, out: FloatArray) -> None:
+    """J of velocities and attitudes, shape (n, 3) and (n, 4)."""
+    for i in range(len(v)):
+        j = out[i]
+        j[0, 0], j[1, 0], j[2, 0] = -v[i, 0], -v[i, 1], -v[i, 2]
+        (
+            j[0, 1],
+            j[0, 2],
+            j[0, 3],
+            j[1, 1],
+            j[1, 2],
+            j[1, 3],
+            j[2, 1],
+            j[2, 2],
+            j[2, 3],
+        ) = dcm(q[i, 0], q[i, 1], q[i, 2], q[i, 3])
+
+
+@kernel()
+def _add(
+    time_ns: IntArray,
+    shift: FloatArray,
+    first: int,
+    held_ns: int,
+    moment: FloatArray,
+    change: FloatArray,
+    position: FloatArray,
+    velocity: FloatArray,
+) -> None:
+    """Add ``J moment J^T`` to covariances of position, and that of J's change to velocity's.
+
+    Parameters
+    ----------
+    time_ns : ndarray of int64, shape (m,)
+        Of J, in order; the first of them are there for what comes `held_ns` later.
+    shift : ndarray, shape (m, 3, 4)
+        J.
+    first : int
+        Of the times that are those of the covariances.
+    held_ns : int
+        Over which J changes.
+    moment : ndarray, shape (4, 4)
+    change : ndarray, shape (3, 4)
+        Room to work in.
+    position, velocity : ndarray, shape (m - first, 3, 3)
+        Changed.
+    """
+    scale = 1e9 / held_ns
+    k = 0
+    for i in range(first, len(time_ns)):
+        # Between the times that there are; what is earlier than all is as the first
+        when = time_ns[i] - held_ns
+        while k + 1 < len(time_ns) and time_ns[k + 1] <= when:
+            k += 1
+        share = 0.0
+        if when > time_ns[k]:
+            share = (when - time_ns[k]) / (time_ns[k + 1] - time_ns[k])
+        following = min(k + 1, len(time_ns) - 1)
+        for a in range(3):
+            for b in range(4):
+                before = shift[k, a, b] + share * (shift[following, a, b] - shift[k, a, b])
+                change[a, b] = scale * (shift[i, a, b] - before)
+        _add_congruent(shift[i], moment, position[i - first])
+        _add_congruent(change, moment, velocity[i - first])
+
+
+@part()
+def _add_congruent(a: FloatArray, moment: FloatArray, out: FloatArray) -> None:
+    for i in range(3):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(4):
+                one = 0.0
+                for p in range(4):
+                    one += a[i, p] * moment[p, k]
+                total += one * a[j, k]
+            out[i, j] += total
+            if j < i:
+                out[j, i] += total

@@ -132,7 +132,8 @@ class StoredEpochs:
         Number, from the start of the run, of the IMU update at whose end it is.
     transition : ndarray, shape (m, n, n)
         Of the error states from the row before (or the start) to this one, corrections of the
-        damping network included.
+        damping network included. In the rows of states that do not move only the diagonal, their
+        decay, is not 0.
     covariance_before, covariance_after : ndarray, shape (m, n, n)
         Of all measurements at the instant.
     correction : ndarray, shape (m, n)

@@ -1,68 +1,212 @@
-"""The backward recursion of the smoother, compiled."""
+"""The backward recursion of the smoother over packed rows, compiled.
+
+A row of a filter of n states has three matrices of n x n, of which less than half says anything:
+covariances are symmetric, and states that do not move only decay. A smoother that has more of them
+than memory should hold writes and reads all that it keeps.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.parts import kernel
+from sinstool.core.parts import kernel, part
+from sinstool.methods.ins_gnss.results import StoredEpochs
+from sinstool.methods.ins_gnss.states import ATTITUDE, I_MOVING, FilterKind
 from sinstool.methods.rts import smoother_covariance, smoother_gain
+
+CORNER = ATTITUDE + 3
+"""Of position, velocity and attitude, which come first among the states."""
+
+
+class Packed(NamedTuple):
+    """Matrices of stored rows without what follows from the rest of them.
+
+    Attributes
+    ----------
+    moving : ndarray, shape (m, moving states, n)
+        Rows of the transitions; of the others the diagonal says all.
+    decay : ndarray, shape (m, n - moving states)
+        That diagonal.
+    before : ndarray, shape (m, n (n + 1) / 2)
+        Lower triangles of the covariances before the measurements.
+    corner : ndarray, shape (m, CORNER, CORNER)
+        Of the covariances after them, the states that come first.
+    rest : ndarray, shape (m, n (n + 1) / 2 - CORNER (CORNER + 1) / 2)
+        What their lower triangles have below that.
+    """
+
+    moving: FloatArray
+    decay: FloatArray
+    before: FloatArray
+    corner: FloatArray
+    rest: FloatArray
+
+    def rows(self, part: slice) -> Packed:
+        """Some of the rows."""
+        return Packed(*(column[part] for column in self))
+
+    def first_transition(self) -> FloatArray:
+        """The transition to the first row, shape (n, n)."""
+        still = self.moving.shape[1]
+        whole = np.diag(np.concatenate([np.zeros(still), self.decay[0]]))
+        whole[:still] = self.moving[0]
+        return whole
+
+
+def pack(stored: StoredEpochs, kind: FilterKind) -> Packed:
+    """Pack the matrices of stored rows.
+
+    Raises
+    ------
+    ValueError
+        If they are those of a filter with another number of states.
+    """
+    m, n, moving = len(stored), kind.size, int(kind.index[I_MOVING])
+    if stored.correction.shape[1] != n:
+        raise ValueError(f"Expected {n} states of {kind.name}, got {stored.correction.shape[1]}.")
+    triangle, first = n * (n + 1) // 2, CORNER * (CORNER + 1) // 2
+    shapes = ((moving, n), (n - moving,), (triangle,), (CORNER, CORNER), (triangle - first,))
+    packed = Packed(*(np.empty((m, *shape)) for shape in shapes))
+    _pack(stored.transition, stored.covariance_before, stored.covariance_after, *packed)
+    return packed
+
+
+@kernel()
+def _pack(
+    transition: FloatArray,
+    p_minus: FloatArray,
+    p_plus: FloatArray,
+    moving: FloatArray,
+    decay: FloatArray,
+    before: FloatArray,
+    corner: FloatArray,
+    rest: FloatArray,
+) -> None:
+    rows, n, _ = transition.shape
+    moves = moving.shape[1]
+    for k in range(rows):
+        for i in range(moves):
+            for j in range(n):
+                moving[k, i, j] = transition[k, i, j]
+        for i in range(moves, n):
+            decay[k, i - moves] = transition[k, i, i]
+        at = 0
+        for i in range(n):
+            for j in range(i + 1):
+                before[k, at + j] = p_minus[k, i, j]
+            at += i + 1
+        for i in range(CORNER):
+            for j in range(CORNER):
+                corner[k, i, j] = p_plus[k, i, j]
+        at = 0
+        for i in range(CORNER, n):
+            for j in range(i + 1):
+                rest[k, at + j] = p_plus[k, i, j]
+            at += i + 1
+
+
+@part()
+def _unpack(packed: FloatArray, first: int, out: FloatArray) -> None:
+    """Symmetric matrix of its lower triangle, from a row on."""
+    at = 0
+    for i in range(first, len(out)):
+        for j in range(i + 1):
+            out[i, j] = packed[at + j]
+            out[j, i] = packed[at + j]
+        at += i + 1
+
+
+@part()
+def _unpack_after(corner: FloatArray, rest: FloatArray, out: FloatArray) -> None:
+    """Covariance after the measurements of a row."""
+    for i in range(CORNER):
+        for j in range(CORNER):
+            out[i, j] = corner[i, j]
+    _unpack(rest, CORNER, out)
+
+
+@part()
+def _keep(after: FloatArray, corner: FloatArray) -> None:
+    for i in range(len(corner)):
+        for j in range(len(corner)):
+            corner[i, j] = after[i, j]
 
 
 @kernel()
 def smooth_backward(
-    transition: FloatArray,
-    p_minus: FloatArray,
-    p_plus: FloatArray,
+    moving: FloatArray,
+    decay: FloatArray,
+    before: FloatArray,
+    corner: FloatArray,
+    rest: FloatArray,
     correction: FloatArray,
     starts: np.ndarray,
+    begins: bool,
+    after: FloatArray,
     work: FloatArray,
     d: FloatArray,
-    p_smooth: FloatArray,
+    whole: FloatArray,
 ) -> None:
     """Smooth from the last row to the first.
 
     Parameters
     ----------
-    transition : ndarray, shape (m, n, n)
-        From the row before to each.
-    p_minus, p_plus : ndarray, shape (m, n, n)
-        Covariances of the filter before and after the measurements of each row.
+    moving, decay, before, corner, rest : ndarray
+        Of :class:`Packed`; `corner` becomes that of the smoothed covariances.
     correction : ndarray, shape (m, n)
         What the measurements of the row added to the estimate.
     starts : ndarray of bool, shape (m,)
         Nothing may be taken across from this row to the one before.
-    work : ndarray, shape (4, n, n)
+    begins : bool
+        The last row is that of the run; otherwise it is smoothed already.
+    after : ndarray, shape (n, n)
+        Smoothed covariance of the last row, unless it is that of the run; becomes the first's.
+    work : ndarray, shape (7, n, n)
         Scratch.
     d : ndarray, shape (m, n)
         Gets what later rows add to the estimate of each.
-    p_smooth : ndarray, shape (m, n, n)
-        Gets the smoothed covariances; may be `p_plus` itself.
+    whole : ndarray, shape (m, n, n), or without rows
+        Gets the smoothed covariances, but for that of a last row that is smoothed already.
     """
-    n = d.shape[1]
+    n, moves = d.shape[1], moving.shape[1]
     last = d.shape[0] - 1
     low, gain, diff = work[0], work[1], work[2]
-    scale, x = work[3, 0], work[3, 1]
+    plus, minus, transition = work[3], work[4], work[5]
+    scale, x = work[6, 0], work[6, 1]
     for i in range(n):
         d[last, i] = 0.0
         for j in range(n):
-            p_smooth[last, i, j] = p_plus[last, i, j]
+            transition[i, j] = 0.0
+    if begins:
+        _unpack_after(corner[last], rest[last], after)
+        if len(whole) > 0:
+            _keep(after, whole[last])
     for k in range(last - 1, -1, -1):
-        after = k + 1
-        if starts[after]:
+        following = k + 1
+        if starts[following]:
             for i in range(n):
                 d[k, i] = 0.0
+            _unpack_after(corner[k], rest[k], after)
+        else:
+            for i in range(moves):
                 for j in range(n):
-                    p_smooth[k, i, j] = p_plus[k, i, j]
-            continue
-        smoother_gain(transition[after], p_plus[k], p_minus[after], gain, low, scale)
-        for j in range(n):
-            s = 0.0
-            for m in range(n):
-                s += gain[m, j] * (d[after, m] + correction[after, m])
-            x[j] = s
-        smoother_covariance(
-            p_plus[k], p_minus[after], p_smooth[after], gain, diff, low, p_smooth[k]
-        )
-        for i in range(n):
-            d[k, i] = x[i]
+                    transition[i, j] = moving[following, i, j]
+            for i in range(moves, n):
+                transition[i, i] = decay[following, i - moves]
+            _unpack(before[following], 0, minus)
+            _unpack_after(corner[k], rest[k], plus)
+            smoother_gain(transition, plus, minus, gain, low, scale)
+            for j in range(n):
+                s = 0.0
+                for m in range(n):
+                    s += gain[m, j] * (d[following, m] + correction[following, m])
+                x[j] = s
+            smoother_covariance(plus, minus, after, gain, diff, low, after)
+            for i in range(n):
+                d[k, i] = x[i]
+            _keep(after, corner[k])
+        if len(whole) > 0:
+            _keep(after, whole[k])

@@ -38,20 +38,20 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import displaced
-from sinstool.core.rotation import exp, multiply, normalise, wrapped
+from sinstool.core.rotation import wrapped
 from sinstool.methods.ins_gnss.between_rows import (
     ALONE,
     BEFORE,
     BETWEEN,
     covariances_between,
     errors_between,
+    turn,
 )
 from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
-from sinstool.methods.ins_gnss.rts import smooth_backward
+from sinstool.methods.ins_gnss.rts import CORNER, Packed, pack, smooth_backward
 from sinstool.methods.ins_gnss.states import (
     ACCEL_BIAS,
     ACCEL_SCALE,
-    ATTITUDE,
     GYRO_BIAS,
     POSITION,
     VELOCITY,
@@ -70,10 +70,10 @@ from sinstool.methods.strapdown.navigation import (
 
 # Bytes of rows that are smoothed before their memory is given back.
 AT_ONCE = 16 << 20
-# Of position, velocity and attitude, which come first among the states.
-CORNER = ATTITUDE + 3
 # Of an update, what smoothing replaces everywhere but where nothing is known beyond the filter.
 COVARIANCES = ("covariance_position_n", "covariance_velocity_n", "covariance_attitude_n")
+# Of a row, what is kept as it is
+OF_ROWS = ("time_ns", "update", "correction", "estimate", "nav", "restart")
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,8 @@ class SmoothedEpochs:
         `d`: what the filter's answer after the row still has of error.
     error_before : ndarray, shape (m, n)
         The same just before the row's measurements; zeros where the row starts a segment.
-    covariance : ndarray, shape (m, n, n)
+    covariance : ndarray, shape (m, n, n) or (m, CORNER, CORNER)
+        A :class:`Smoother` keeps those of position, velocity and attitude alone.
     starts : ndarray of bool, shape (m,)
         The row starts a segment.
     first_error, first_covariance : ndarray, shape (n,), (n, n)
@@ -113,11 +114,7 @@ class SmoothedEpochs:
 
 
 def smooth_epochs(
-    stored: StoredEpochs,
-    kind: FilterKind,
-    start_ns: int | None = None,
-    in_place: bool = False,
-    release: Callable[[], None] = lambda: None,
+    stored: StoredEpochs, kind: FilterKind, start_ns: int | None = None
 ) -> SmoothedEpochs:
     """Smooth the epochs that a filter stored.
 
@@ -129,11 +126,6 @@ def smooth_epochs(
         Of the filter that ran.
     start_ns : int, optional
         End of the first IMU update; by default the first row.
-    in_place : bool, optional
-        Write over what was stored, to save memory: the smoothed covariances over
-        ``covariance_after``, `error` over ``estimate`` and `error_before` over ``correction``.
-    release : callable, optional
-        Called after each few rows, to give back the memory of those.
 
     Raises
     ------
@@ -143,17 +135,38 @@ def smooth_epochs(
     m, n = len(stored), kind.size
     if not m:
         raise ValueError("There is nothing to smooth: the filter stored no row.")
-    if stored.correction.shape[1] != n:
-        raise ValueError(f"Expected {n} states of {kind.name}, got {stored.correction.shape[1]}.")
-    transition, before = np.asarray(stored.transition), np.asarray(stored.covariance_before)
-    smooth, error, error_before = (
-        np.asarray(c) if in_place else np.array(c)
-        for c in (stored.covariance_after, stored.estimate, stored.correction)
-    )
-    starts = np.array(stored.restart)
+    columns = {name: np.array(getattr(stored, name)) for name in OF_ROWS}
+    return _smooth(columns, pack(stored, kind), kind, start_ns, whole=np.empty((m, n, n)))
+
+
+def _smooth(
+    columns: dict[str, Any],
+    packed: Packed,
+    kind: FilterKind,
+    start_ns: int | None,
+    release: Callable[[], None] = lambda: None,
+    whole: FloatArray | None = None,
+) -> SmoothedEpochs:
+    """Smooth packed rows in place: `error` is written over ``estimate``, and so on.
+
+    Parameters
+    ----------
+    columns : dict of str to ndarray
+        Those of :class:`StoredEpochs` that `OF_ROWS` names.
+    release : callable, optional
+        Called after each few rows, to give back the memory of those.
+    whole : ndarray, shape (m, n, n), optional
+        Gets the covariances of all states.
+    """
+    m, n = len(columns["time_ns"]), kind.size
+    # As plain arrays, of which there is a slice for each few rows
+    packed = Packed(*(np.asarray(column) for column in packed))
+    error, error_before = (np.asarray(columns[name]) for name in ("estimate", "correction"))
+    starts = np.array(columns["restart"])
     error_before[starts] = 0.0
-    work = np.empty((4, n, n))
-    rows = max(1, AT_ONCE // (24 * n * n))
+    work, after = np.empty((7, n, n)), np.empty((n, n))
+    none = np.empty((0, n, n))
+    rows = max(1, AT_ONCE // (8 * sum(int(column[0].size) for column in packed)))
     end = m
     while end > 0:
         begin = max(0, end - rows)
@@ -162,14 +175,14 @@ def smooth_epochs(
         piece = slice(begin, min(end + 1, m))
         d = np.empty((piece.stop - begin, n))
         smooth_backward(
-            transition[piece],
-            before[piece],
-            smooth[piece],
+            *packed.rows(piece),
             error_before[piece],
             starts[piece],
+            end == m,
+            after,
             work,
             d,
-            smooth[piece],
+            none if whole is None else whole[piece],
         )
         d = d[: end - begin]
         error[begin:end] = d
@@ -179,21 +192,21 @@ def smooth_epochs(
         release()
         end = begin
     if starts[0]:
-        first, first_covariance = np.zeros(n), smooth[0].copy()
+        first, first_covariance = np.zeros(n), after
     else:
         # Decaying states cannot vanish, so that a transition can always be taken back.
-        back = np.linalg.inv(np.asarray(stored.transition[0]))
-        first, first_covariance = back @ error_before[0], back @ smooth[0] @ back.T
+        back = np.linalg.inv(packed.first_transition())
+        first, first_covariance = back @ error_before[0], back @ after @ back.T
     return SmoothedEpochs(
-        np.array(stored.time_ns),
-        np.array(stored.update),
+        np.array(columns["time_ns"]),
+        np.array(columns["update"]),
         error,
         error_before,
-        smooth,
+        packed.corner if whole is None else whole,
         starts,
         first,
         first_covariance,
-        int(stored.time_ns[0]) if start_ns is None else start_ns,
+        int(columns["time_ns"][0]) if start_ns is None else start_ns,
         kind,
     )
 
@@ -227,7 +240,9 @@ def _moved(
 
 def _turned(q_nb: FloatArray, error: FloatArray) -> FloatArray:
     """Attitudes turned by psi."""
-    return np.asarray(normalise(multiply(exp(error[:, ATTITUDE : ATTITUDE + 3]), q_nb)))
+    out = np.empty(q_nb.shape)
+    turn(error, q_nb, out)
+    return out
 
 
 def smooth_updates(
@@ -318,7 +333,7 @@ class Smoother:
 
     Notes
     -----
-    A context manager: leaving it removes the file. A row of the 26 states takes 16.6 kB, an IMU
+    A context manager: leaving it removes the file. A row of 29 states takes 10 kB, an IMU
     update 144 bytes; what is in memory besides, once `limit` is reached, does not grow with the
     log but for 17 bytes per row.
     """
@@ -345,8 +360,10 @@ class Smoother:
         """
         if block.stored is None or (self._outputs and block.updates is None):
             raise ValueError("Expected a filter that gives outputs and stores epochs.")
-        for name, values in vars(block.stored).items():
-            self._storage.append(f"StoredEpochs.{name}", values)
+        for name in OF_ROWS:
+            self._storage.append(name, getattr(block.stored, name))
+        for name, values in pack(block.stored, self._kind)._asdict().items():
+            self._storage.append(name, values)
         if self._outputs:
             assert block.updates is not None
             for name, values in vars(block.updates).items():
@@ -370,9 +387,9 @@ class Smoother:
         self._alone.append(own.rows(restarted))
         self._open = [own.rows(last)]
 
-    def _columns(self, kind: type[UpdateColumns] | type[StoredEpochs]) -> dict[str, Any]:
-        names = [f.name for f in fields(kind) if f.name not in COVARIANCES]
-        return {name: self._storage.array(f"{kind.__name__}.{name}") for name in names}
+    def _updates(self) -> dict[str, Any]:
+        names = [f.name for f in fields(UpdateColumns) if f.name not in COVARIANCES]
+        return {name: self._storage.array(f"UpdateColumns.{name}") for name in names}
 
     def epochs(self) -> SmoothedEpochs:
         """Smooth; only once, since the stored epochs are overwritten.
@@ -389,9 +406,12 @@ class Smoother:
         """
         if self._empty:
             raise ValueError("There is nothing to smooth: the filter gave no block.")
-        stored = StoredEpochs(**self._columns(StoredEpochs))
-        first = int(self._columns(UpdateColumns)["time_ns"][0]) if self._outputs else None
-        return smooth_epochs(stored, self._kind, first, True, self._storage.release)
+        columns = {name: self._storage.array(name) for name in OF_ROWS}
+        if not len(columns["time_ns"]):
+            raise ValueError("There is nothing to smooth: the filter stored no row.")
+        packed = Packed(*(self._storage.array(name) for name in Packed._fields))
+        first = int(self._updates()["time_ns"][0]) if self._outputs else None
+        return _smooth(columns, packed, self._kind, first, self._storage.release)
 
     def navigation(self, smoothed: SmoothedEpochs) -> FloatArray:
         """Smoothed navigations at the rows, of a filter with feedback.
@@ -406,7 +426,7 @@ class Smoother:
         ndarray, shape (m, 10)
             As :func:`sinstool.methods.strapdown.navigation.initial_state` has it.
         """
-        nav = np.asarray(self._storage.array("StoredEpochs.nav"))
+        nav = np.asarray(self._storage.array("nav"))
         return corrected_navigation(nav, smoothed.error)
 
     def covariance(self, smoothed: SmoothedEpochs, states: IntArray) -> FloatArray:
@@ -417,18 +437,14 @@ class Smoother:
         smoothed : SmoothedEpochs
             Of :meth:`epochs`.
         states : ndarray of int, shape (k,)
+            Of position, velocity and attitude.
 
         Returns
         -------
         ndarray, shape (m, k, k)
         """
-        m, k = len(smoothed), len(states)
-        out = np.empty((m, k, k))
-        step = max(1, AT_ONCE // (8 * self._kind.size**2))
-        for begin in range(0, m, step):
-            rows = slice(begin, begin + step)
-            out[rows] = smoothed.covariance[rows][:, states[:, None], states[None, :]]
-            self._storage.release()
+        out = np.array(smoothed.covariance[:, states[:, None], states[None, :]])
+        self._storage.release()
         return out
 
     def blocks(self, smoothed: SmoothedEpochs, rows: int = 16384) -> Iterator[UpdateColumns]:
@@ -441,7 +457,7 @@ class Smoother:
         rows : int, optional
             Updates of a block.
         """
-        columns = self._columns(UpdateColumns)
+        columns = self._updates()
         own = [*self._alone, *self._open]
         for first in range(0, len(columns["time_ns"]), rows):
             part = {name: np.array(c[first : first + rows]) for name, c in columns.items()}

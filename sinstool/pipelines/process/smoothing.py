@@ -33,7 +33,7 @@ from sinstool.methods.attitude_smoother.model import (
     with_warming,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
-from sinstool.methods.attitude_smoother.rest import confirmed, runs, with_rest
+from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, runs, with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
 from sinstool.methods.attitude_smoother.start import Prior
 from sinstool.methods.attitude_smoother.steady import turning, with_steady
@@ -149,7 +149,9 @@ class Smoothing:
         epochs = with_rest(stage.finish(), self._gnss_moves, spans)
         give_back()
         epochs, motion, sensors, prior = self._understood(epochs)
+        give_back()
         correction = smooth(epochs, motion.model, sensors, prior)
+        give_back()
         if self._magnetic is not None:
             north = self._magnetic.north(epochs, correction.at(epochs.time_ns))
             if north is not None:
@@ -226,7 +228,9 @@ class Smoothing:
             _first_tilt(alignment),
             None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
         )
-        epochs, motion = self._judged(seen, sensors, prior)
+        # What looks like rest, before it is judged: the epochs are too many to keep them twice
+        looks = seen.values[:, MARKS].copy()
+        epochs, motion = self._judged(seen, looks, sensors, prior)
         inside = self._bias_epochs(epochs)
         if inside.any() and np.mean(epochs.at_rest[inside]) < LEAST_REST:
             # What the mean rate of a turn is taken for is neither a bias nor, at first, a tilt
@@ -236,21 +240,25 @@ class Smoothing:
             if alignment.bias_source == "still":
                 prior = replace(prior, tilt=None)
             if np.mean(epochs.rest[inside]) < LEAST_REST:
-                seen.values[inside, REST] = MOVING
-            epochs, motion = self._judged(seen, sensors, prior)
+                looks[inside, MARKS.index(REST)] = MOVING
+            epochs, motion = self._judged(seen, looks, sensors, prior)
         turns = turning(epochs, motion.model, sensors, prior)
         if turns.any():
-            seen.values[turns, REST] = MOVING
-            epochs, motion = self._judged(seen, sensors, prior)
+            looks[turns, MARKS.index(REST)] = MOVING
+            epochs, motion = self._judged(seen, looks, sensors, prior)
         return epochs, motion, sensors, prior
 
-    def _judged(self, seen: Epochs, sensors: SensorModel, prior: Prior) -> tuple[Epochs, Motion]:
+    def _judged(
+        self, seen: Epochs, looks: np.ndarray, sensors: SensorModel, prior: Prior
+    ) -> tuple[Epochs, Motion]:
         """The kind of motion, and of what looks like rest, by all that is known of the log."""
         chosen = self._config.navigation.motion
         motion_class = None if chosen == "auto" else chosen
-        epochs = confirmed(seen, sensors, prior.tilt)
+        seen.values[:, MARKS] = looks
+        still = seen.rest
+        epochs = confirmed(seen, sensors, prior.tilt, in_place=True)
         motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
-        return with_steady(epochs, seen.rest, motion.model, sensors, prior), motion
+        return with_steady(epochs, still, motion.model, sensors, prior, in_place=True), motion
 
     def _bias_epochs(self, epochs: Epochs) -> np.ndarray:
         """Which epochs lie in the rest whose mean rate was taken for the bias, shape (n,)."""

@@ -131,3 +131,15 @@ def test_what_is_held_takes_its_memory_once():
     last = batches[-1]
     begin = last.offset[-1]
     np.testing.assert_array_equal(last.buffer[begin : begin + size], payload[-1])
+
+
+def test_what_is_known_of_messages_counts_as_well(monkeypatch):
+    payload, times = np.zeros((10, 4), np.uint8), np.arange(10)
+    for most, holds in ((10 * (4 + 6 * 8), True), (10 * (4 + 6 * 8) - 1, False)):
+        monkeypatch.setattr(side_channels, "MAX_BYTES", most)
+        cache = side_channels.SideChannelCache([1])
+        cache.begin()
+        for first in (0, 5):
+            part = slice(first, first + 5)
+            cache.add(RawBatch.from_rows(1, payload[part], times[part], times[part]))
+        assert bool(cache.channels) == holds

@@ -28,7 +28,7 @@ from sinstool.methods.attitude_smoother.model import (
     sensor_model,
 )
 from sinstool.methods.attitude_smoother.motion import find_motion
-from sinstool.methods.attitude_smoother.rest import confirmed, with_rest
+from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import Correction, smooth
 from sinstool.methods.attitude_smoother.steady import _agrees, with_steady
 from sinstool.methods.coning.registry import algorithm
@@ -319,6 +319,26 @@ def test_straight_flight_before_and_after_a_turn_is_steady():
         known.append(sigma.mean())
     assert np.degrees(np.abs(tilt)).max() < 0.25
     assert known[1] < 0.5 * known[0]
+
+
+@pytest.mark.parametrize("trap", TRAPS)
+def test_epochs_judged_in_place_are_those_judged_as_copies(trap):
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=True, earth_removed=True)
+    marked = with_rest(epochs_of(ride(TRAPS[trap], sensors, 3)[0]))
+    still, looked = marked.rest, marked.values.copy()
+    before = confirmed(marked, sensors)
+    after = with_steady(before, still, VEHICLE, sensors)
+    assert np.array_equal(marked.values, looked)
+    assert not np.array_equal(after.values, looked), "else this test shows nothing"
+    own = confirmed(marked, sensors, in_place=True)
+    assert own.values is marked.values
+    assert np.array_equal(own.values, before.values)
+    own = with_steady(own, still, VEHICLE, sensors, in_place=True)
+    assert own.values is marked.values
+    assert np.array_equal(own.values, after.values)
+    # and what looked like rest can be judged once more
+    own.values[:, MARKS] = looked[:, MARKS]
+    assert np.array_equal(own.values, looked)
 
 
 def test_what_is_a_hands_is_not_made_steady():
