@@ -18,8 +18,8 @@ multicopters and aircraft, with outages of forty seconds. What is printed is how
 land vehicles or for resting, and horizontal errors with `--vehicle none` and `auto`. With --wheels
 cars whose wheels read 3 % too high, are stamped late, or slip on one side: findings, and how far
 positions drift in outages without the wheels and with them. With --told the filter knows the noise
-of the simulated sensors: what remains is due to constraints and fixes. With --speed, updates that the filter's
-loop takes in a second with and without constraints.
+of the simulated sensors: what remains is due to constraints and fixes. With --speed, updates that
+the filter's loop takes in a second with and without constraints.
 """
 
 from __future__ import annotations
