@@ -134,6 +134,21 @@ def test_an_engine_that_idles_makes_no_tilt_too_certain(tmp_path):
     assert np.mean(squares) < 2.0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("vehicle", ["auto", "none"])
+def test_stops_within_outages_are_shaken_too(tmp_path, vehicle):
+    """A first pass that does not know of the shaking is sure of a speed where the car stands."""
+    squares = []
+    for seed in (0, 1, 2, 3):
+        path = simulated(
+            tmp_path / f"{seed}.mcap", "drive", "--duration", "600", "--grade", "tactical",
+            "--seed", str(seed), "--idle", "0.3,0.01", "--outages", "60,150",
+        )  # fmt: skip
+        _, solution = run(path, navigation={"imu_grade": "tactical"}, filter={"vehicle": vehicle})
+        squares.append(nees(*errors(path, solution, 90.0)["attitude"])[0])
+    assert 0.5 < np.mean(squares) < 1.3
+
+
 def test_fixes_that_wander_while_it_stands_are_believed_less(tmp_path):
     """Heights of a parked car that go up and down by more than the receiver says."""
     truth = drive(3, 240.0, rest=150.0)
