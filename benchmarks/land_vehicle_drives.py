@@ -121,7 +121,7 @@ def told(grade: str) -> Iterator[dict[str, Any]]:
     usual = filter_settings._imu
     filter_settings._imu = lambda *_: SIMULATED_GRADES[grade]
     try:
-        yield {"navigation": {"imu_grade": grade}}
+        yield {"navigation": {"imu_grade": grade}, "filter": {"virtual_noise": "off"}}
     finally:
         filter_settings._imu = usual
 
@@ -163,7 +163,8 @@ def one(job: tuple[int, str, bool, bool, tuple[str, ...]]) -> dict[str, Scores]:
         path, mount = drive(Path(folder), seed, grade)
         for row in rows:
             with only(row), told(grade) if known else nullcontext({}) as options:
-                chosen, solution = run(path, filter={"smooth": smooth}, **options)
+                options.setdefault("filter", {})["smooth"] = smooth
+                chosen, solution = run(path, **options)
             out[row] = scored(path, chosen, solution, mount)
     return out
 
