@@ -132,9 +132,8 @@ class _Windows:
 
     Attributes
     ----------
-    error, sigma : ndarray, shape (w, looks, 6)
-        North, east, down, m and m/s: a gyro's noise shows in velocity before it does in a fix that
-        wanders by metres.
+    error, sigma : ndarray, shape (w, looks, 3)
+        North, east, down, m.
     moved : ndarray of bool, shape (w,)
         Whether the vehicle went anywhere.
     restarts : int
@@ -325,8 +324,8 @@ class Drift:
                 for s in LOOKS
             ]
             at = np.minimum(np.stack(looks, axis=1), end[:, None])
-            errors.append(epochs.innovation[at])
-            sigmas.append(epochs.innovation_sigma[at])
+            errors.append(epochs.innovation[at, :3])
+            sigmas.append(epochs.innovation_sigma[at, :3])
             moved.append(self._moved(epochs, begin, end))
         return _Windows(
             np.concatenate(errors), np.concatenate(sigmas), np.concatenate(moved), restarts

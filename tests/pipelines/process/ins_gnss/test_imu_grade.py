@@ -6,7 +6,7 @@ import pytest
 from benchmarks.trusted_navigation import process
 from sinstool.core.errors import AlignmentError
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
-from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES
+from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.pipelines.process.ins_gnss import first_state
 from tests.helpers.filter_logs import simulated, start_of
 from tests.helpers.unseen_drives import (
@@ -131,18 +131,3 @@ def test_fictitious_noise_is_added_for_mems_or_as_asked_for(tmp_path, grade, opt
         align={"align": "fixed", "initial_attitude": (0.0, 0.0, 0.0)},
     )
     assert start.settings.control.virtual_noise == expected
-
-
-@pytest.mark.slow
-def test_an_engine_that_idles_hides_no_gyros(tmp_path):
-    """Good gyros in a car that shakes them at each stop are judged by what they do in motion."""
-    walks = []
-    for seed in (11, 12, 13, 14):
-        log = simulated(
-            tmp_path / f"{seed}.mcap", "drive", "--duration", "600", "--grade", "tactical",
-            "--seed", str(seed), "--idle", "0.3,0.01",
-        )  # fmt: skip
-        start = start_of(log, input={"gyro_unit": "rad/s"})
-        walks.append(start.settings.imu.angle_random_walk)
-    true = SIMULATED_GRADES["tactical"].angle_random_walk
-    assert 0.5 < np.exp(np.mean(np.log(walks))) / true < 2.0
