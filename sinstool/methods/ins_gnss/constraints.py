@@ -84,8 +84,10 @@ class Constraints:
         m/s; NaN where unknown.
     vehicle : LandVehicle or None
         None where only rests are known.
+    stands : ndarray of bool, shape (g,), optional
+        Times at which the IMU is shaken: rests, and their ends, at which they are not used.
     shaken : tuple of float, optional
-        Noise at rest beyond that of the sensors, as power densities: of specific force,
+        Noise while it stands beyond that of the sensors, as power densities: of specific force,
         (m/s^2)^2 s, and of the rate, (rad/s)^2 s.
     """
 
@@ -95,12 +97,14 @@ class Constraints:
     rolls: BoolArray
     wheel_speed: FloatArray
     vehicle: LandVehicle | None
+    stands: BoolArray | None = None
     shaken: tuple[float, float] = (0.0, 0.0)
 
     def grid(self) -> FloatArray:
         """Columns by the names ``G_...`` of :mod:`~sinstool.methods.ins_gnss.layout`."""
         rests = self.rests.astype(np.float64) + (self.rests & self.surely)
-        return np.column_stack([rests, self.rolls, self.wheel_speed])
+        stands = self.rests if self.stands is None else self.stands
+        return np.column_stack([rests, self.rolls, self.wheel_speed, stands])
 
     def parameters(self) -> FloatArray:
         """Numbers by the names ``V_...`` of :mod:`~sinstool.methods.ins_gnss.layout`."""

@@ -153,7 +153,7 @@ class InsGnssFilter:
             np.zeros(layout.V_PARAMETERS) if constraints is None else constraints.parameters(),
             parameters.loop_parameters(self.kind, settings),
         )
-        self._grid = np.empty((0, 3)) if constraints is None else constraints.grid()
+        self._grid = np.empty((0, 4)) if constraints is None else constraints.grid()
         self._memory = layout.new_memory(
             start.nav,
             np.concatenate([start.gyro_bias, np.zeros(3), start.accel_bias, np.zeros(3)]),

@@ -96,7 +96,7 @@ def constrain(m: Memory, model: Model, stored: FloatArray, grid: FloatArray) -> 
     ----------
     m, model, stored
         See :func:`~sinstool.methods.ins_gnss.instants.open_instant`.
-    grid : ndarray, shape (g, 3)
+    grid : ndarray, shape (g, 4)
         Columns by the names ``G_...`` of :mod:`~sinstool.methods.ins_gnss.layout`.
     """
     now = m.now
@@ -107,8 +107,8 @@ def constrain(m: Memory, model: Model, stored: FloatArray, grid: FloatArray) -> 
     m.shaken = 0.0
     if place >= 0.0 and k < grid.shape[0] - 1 and m.in_gap == 0.0:
         weight = 1.0 / min(since, LONGEST)
+        m.shaken = grid[k, layout.G_STANDS]
         if grid[k, layout.G_REST] > 0.0 and grid[k + 1, layout.G_REST] > 0.0:
-            m.shaken = 1.0
             if grid[k, layout.G_REST] > 1.0 or not _moves(m):
                 instants.open_instant(m, model, stored)
                 _rest(m, model, weight)

@@ -42,8 +42,8 @@ V_SHAKEN_FORCE = 8  # what the IMU feels at rest beyond its own noise, power den
 V_SHAKEN_RATE = 9
 V_PARAMETERS = 10
 # Columns of the grid: whether the vehicle rests (2: surely), whether it may be held not to slide,
-# and its wheels' speed, m/s, NaN where unknown
-G_REST, G_ROLLS, G_WHEEL = range(3)
+# its wheels' speed, m/s, NaN where unknown, and whether it stands, the ends of rests included
+G_REST, G_ROLLS, G_WHEEL, G_STANDS = range(4)
 
 # --- a row of diagnostics -----------------------------------------------------------------
 D_INNOVATION = 0
@@ -139,7 +139,7 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("restart_at",),  # time of the latest restart
     ("doubt",),  # factor on gate and covariances that come out, since restarts did not help
     ("constrained_at",),  # time of the latest constraint
-    ("shaken",),  # 1 where the vehicle rests by the grid
+    ("shaken",),  # 1 where the vehicle stands by the grid
     ("rolling", (6,)),  # rate and force, low-passed
     ("turned", (4,)),  # rotation since the latest constraint as measured, and the time of it
     # Counted: updates and epochs; constraints used, and rows of no slip and wheels turned down

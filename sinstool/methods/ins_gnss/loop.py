@@ -75,7 +75,7 @@ def run(
         Squares of innovations.
     changes : ndarray, shape (N or 0, 7)
         Of innovations over their sigma, squared and halved, and a column to sort in.
-    grid : ndarray, shape (g, 3)
+    grid : ndarray, shape (g, 4)
         Of a vehicle with constraints, by time; without points, it has none.
     time, interval : ndarray, shape (n,)
         End of each update and its duration, s.

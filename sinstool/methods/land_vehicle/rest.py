@@ -47,6 +47,9 @@ class Rests:
         For each step of the means.
     surely : ndarray of bool, shape (g,)
         Where the fixes show it, too.
+    stands : ndarray of bool, shape (g,)
+        Where the IMU is as quiet as at rest, and half a window on either side: there an engine may
+        shake it. What fixes, or a track that does not know of the shaking, say is no matter here.
     gyro, accel : float
         Thresholds on the spread within a window, rad/s and m/s^2; 0 where that tells nothing.
     reason : str
@@ -55,6 +58,7 @@ class Rests:
 
     at: BoolArray
     surely: BoolArray
+    stands: BoolArray
     gyro: float
     accel: float
     reason: str
@@ -100,7 +104,7 @@ def find_rests(means: Means, track: Track) -> Rests:
     """
     nothing = np.zeros(len(means), bool)
     if len(means) < 2 * WINDOW or len(track.time_ns) < 2:
-        return Rests(nothing, nothing, 0.0, 0.0, "the log is too short")
+        return Rests(nothing, nothing, nothing, 0.0, 0.0, "the log is too short")
     spread = np.stack([_spread(means.rate), _spread(means.force)], axis=1)
     speed = between(track, track.speed, means.time_ns, LONGEST_NS)
     sigma = between(track, track.speed_sigma, means.time_ns, LONGEST_NS)
@@ -110,18 +114,19 @@ def find_rests(means: Means, track: Track) -> Rests:
     moves = shown & (speed - 2.0 * sigma > MOVES)
     thresholds, reason = _thresholds(spread, stands, moves)
     if not thresholds.any():
-        return Rests(nothing, nothing, 0.0, 0.0, reason)
+        return Rests(nothing, nothing, nothing, 0.0, 0.0, reason)
     with np.errstate(invalid="ignore"):
         quiet = (spread < np.where(thresholds > 0.0, np.minimum(thresholds, MOST), MOST)).all(
             axis=1
         )
     quiet &= np.isfinite(spread).all(axis=1)
+    stands = within(np.asarray(quiet), half, half)
     # The fixes may overrule the IMU: a smooth road
     quiet &= ~(shown & (speed > STANDS + 3.0 * sigma))
     rest = ~within(~quiet, CUT_BEGIN, half + CUT_END)
     rest &= ~_near_ends(len(rest), quiet)
     gyro, accel = thresholds.tolist()
-    return Rests(rest, rest & shown, gyro, accel, reason)
+    return Rests(rest, rest & shown, stands, gyro, accel, reason)
 
 
 def _near_ends(length: int, quiet: BoolArray) -> BoolArray:

@@ -34,6 +34,8 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.methods.ins_gnss.settings import Settings
+from sinstool.methods.land_vehicle.shaking import Shaking, find_shaking
+from sinstool.methods.land_vehicle.track import MeansStage
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.joined_updates import joined_updates
 from sinstool.methods.strapdown.velocity import Increments
@@ -187,6 +189,13 @@ def shown_increments(
 
     All at once, as each run over them is prepared for longer than it takes per block, and joined.
     """
+    shown = _shown(source, config, algorithm, start)
+    return None if shown is None else joined_updates(shown, JOINED_S)
+
+
+def _shown(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> Increments | None:
     parts: list[Increments] = []
     last_ns = start.time_ns
     steps = SegmentIncrements(source, config, algorithm)
@@ -195,7 +204,7 @@ def shown_increments(
             break
         last_ns = int(increments.time_ns[-1])
         parts.append(increments)
-    return joined_updates(concatenate(parts), JOINED_S) if parts else None
+    return concatenate(parts) if parts else None
 
 
 class Drift:
@@ -215,7 +224,11 @@ class Drift:
         self._measured = config.navigation.imu_noise is not None
         self._least = _of_rest(source, start)
         self._shaken = _shaken_at_rest(source, start)
-        self._increments = shown_increments(source, config, algorithm, start)
+        self._increments, self._shaking = None, None
+        shown = _shown(source, config, algorithm, start)
+        if shown is not None:
+            self._increments = joined_updates(shown, JOINED_S)
+            self._shaking = _shaking(shown, start)
 
     @cached_property
     def _as_graded(self) -> _Windows | None:
@@ -291,13 +304,16 @@ class Drift:
         if self._increments is None:
             return None
         gnss, settings = start.used, replace(settings, network=None)
+        shaken = None if self._shaking is None else self._shaking.constraints(settings.imu)
         step = np.diff(gnss.time_ns, prepend=start.time_ns) / SECOND
         # Time with fixes: an outage of the log itself is none of ours
         used = np.cumsum(np.minimum(step, LONGEST_STEP_S))
         errors, sigmas, moved, restarts = [], [], [], 0
         for phase in (0.0, LEFT_OUT_S):
             left_out = (used > SETTLED_S) & ((used + phase) % (2.0 * LEFT_OUT_S) >= LEFT_OUT_S)
-            run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
+            run = InsGnssFilter(
+                start.start, settings, with_baro=False, output=False, constraints=shaken
+            )
             epochs = run.push(self._increments, gnss, left_out).gnss
             epochs = take_rows(epochs, np.isfinite(epochs.innovation[:, 1]))
             restarts += run.summary.restarts
@@ -347,6 +363,14 @@ class Drift:
         )
         sigma = np.nan_to_num(gnss.sigma_position_n[rows[0], 0])
         return np.asarray(np.hypot(north, east) > least_m + LEAST_WAY_SIGMAS * sigma)
+
+
+def _shaking(increments: Increments, start: FilterStart) -> Shaking:
+    """What shakes the Imu where the vehicle stands: that is no noise of the Imu in motion."""
+    stage = MeansStage(start.time_ns)
+    stage.push(increments)
+    late = round(start.settings.gnss_latency * SECOND)
+    return find_shaking(stage.finish(), start.used, late)
 
 
 def _shaken_at_rest(source: Source, start: FilterStart) -> bool:

@@ -24,6 +24,7 @@ from sinstool.methods.ins_gnss.filter import FilterSummary, InsGnssFilter
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.states import ATTITUDE, VELOCITY
 from sinstool.methods.land_vehicle.rest import Rests, find_rests, noise_at_rest
+from sinstool.methods.land_vehicle.shaking import beyond, find_shaking
 from sinstool.methods.land_vehicle.track import Means, MeansStage, Track
 from sinstool.methods.land_vehicle.trust import Trust, find_trust
 from sinstool.methods.land_vehicle.wander import AS_STATED, Wander, find_wander
@@ -54,7 +55,7 @@ class VehicleAssumptions:
     Attributes
     ----------
     constraints : Constraints or None
-        None where nothing is.
+        None where nothing is; of `--vehicle none` at most the noise of an IMU that is shaken.
     rests : Rests or None
         None where nobody looked.
     reason : str
@@ -244,13 +245,16 @@ def find_vehicle(
         The log is looked at up to a gap of the IMU that is longer.
     """
     options = config.filter
-    if options.vehicle == "none":
-        return VehicleAssumptions()
     if options.feedback == "none":
         return VehicleAssumptions(reason="as --feedback is none")
-    track, means = _unconstrained(source, config, algorithm, start, longest_gap_s)
+    means = _means(source, config, algorithm, start, longest_gap_s)
+    latency_ns = round(start.settings.gnss_latency * SECOND)
+    shaken = find_shaking(means, start.used, latency_ns).constraints(start.settings.imu)
+    if options.vehicle == "none":
+        return VehicleAssumptions(shaken)
+    track = _unconstrained(source, config, algorithm, start, means, shaken)
     if track is None:
-        return VehicleAssumptions(reason="as there is too little of a log")
+        return VehicleAssumptions(shaken, reason="as there is too little of a log")
     rests = find_rests(means, track)
     trust, denied = _trust(source, config, means, track)
     forced = options.vehicle == "land"
@@ -259,12 +263,11 @@ def find_vehicle(
     log_choice("vehicle", f"{'land' if vehicle else 'none'}, {reason}")
     log_choice("rest", f"{np.count_nonzero(rests.at) * STEP_NS / SECOND:.1f} s, {rests.reason}")
     chosen = VehicleAssumptions(
-        None, rests, trust, reason, forced, options.mount is not None, denied
+        shaken, rests, trust, reason, forced, options.mount is not None, denied
     )
     chosen = replace(chosen, wheels_named=config.input.wheels not in (None, NONE))
     if vehicle is None and chosen.rest_s < LEAST_REST_S:
         return chosen
-    latency_ns = round(start.settings.gnss_latency * SECOND)
     wander = find_wander(rests.at, means.start_ns, start.used, latency_ns, start.settings.gnss)
     if not wander.ordinary:
         log_choice("GNSS at rest", str(wander))
@@ -276,11 +279,15 @@ def find_vehicle(
     if wheels is not None and vehicle is not None:
         speed, vehicle = wheels.speed, replace(vehicle, wheel=wheels.sigma)
         log_choice("wheels", f"{wheels.topic}, {wheels.fit}")
-    imu = start.settings.imu
-    own = imu.velocity_random_walk**2, imu.angle_random_walk**2
-    force, rate = np.maximum(np.subtract(noise_at_rest(means, rests.at), own), 0.0).tolist()
     constraints = Constraints(
-        means.start_ns, rests.at, rests.surely, trust.rolls, speed, vehicle, (force, rate)
+        means.start_ns,
+        rests.at,
+        rests.surely,
+        trust.rolls,
+        speed,
+        vehicle,
+        rests.stands,
+        beyond(noise_at_rest(means, rests.at), start.settings.imu),
     )
     return replace(chosen, constraints=constraints, wheels=wheels)
 
@@ -326,44 +333,58 @@ def mount_of(q: np.ndarray, body_axes: str) -> np.ndarray:
     return np.asarray(c @ flip if body_axes == "flu" else c)
 
 
-def _unconstrained(
+def _means(
     source: Source,
     config: ProcessConfig,
     algorithm: ConingAlgorithm,
     start: FilterStart,
     longest_gap_s: float,
-) -> tuple[Track | None, Means]:
-    """The track of a smoother that assumes nothing, and short means of the IMU."""
+) -> Means:
+    """Short means of the IMU from a start on, up to a gap that is longer."""
+    stage, last_ns = MeansStage(start.time_ns), start.time_ns
+    for increments, _, _ in SegmentIncrements(source, config, algorithm).from_time(start.time_ns):
+        begin_ns = int(increments.time_ns[0]) - round(float(increments.interval[0]) * SECOND)
+        if begin_ns - last_ns > longest_gap_s * SECOND:
+            break
+        last_ns = int(increments.time_ns[-1])
+        stage.push(increments)
+    return stage.finish()
+
+
+def _unconstrained(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    means: Means,
+    shaken: Constraints | None,
+) -> Track | None:
+    """The track, as long as the means, of a smoother that assumes no more than a shaken IMU."""
     run = InsGnssFilter(
-        start.start, start.settings, with_baro=start.reference is not None, output=False, store=True
+        start.start,
+        start.settings,
+        with_baro=start.reference is not None,
+        output=False,
+        store=True,
+        constraints=shaken,
     )
-    stage = MeansStage(start.time_ns)
     columns = measurements(start)
-    last_ns = start.time_ns
-    empty = True
+    end_ns = means.start_ns + STEP_NS * len(means)
     with Smoother(run.kind, outputs=False) as smoother:
         steps = SegmentIncrements(source, config, algorithm)
-        for increments, _, _ in steps.from_time(start.time_ns):
-            begin_ns = int(increments.time_ns[0]) - round(float(increments.interval[0]) * SECOND)
-            if begin_ns - last_ns > longest_gap_s * SECOND:
-                break
-            last_ns = int(increments.time_ns[-1])
-            stage.push(increments)
+        for increments, _, _ in steps.from_time(start.time_ns, end_ns):
             smoother.push(run.push(increments, **columns))
             columns = {}
-            empty = False
-        means = stage.finish()
-        if empty:
-            return None, means
+        if columns:
+            return None
         smoothed = smoother.epochs()
         if len(smoothed) < 2:
-            return None, means
+            return None
         nav = smoother.navigation(smoothed)
         of = np.r_[VELOCITY : VELOCITY + 3, ATTITUDE : ATTITUDE + 3]
-        track = Track(
+        return Track(
             smoothed.time_ns.copy(),
             nav[:, V_NORTH : V_DOWN + 1].copy(),
             to_dcm(nav[:, Q_W : Q_Z + 1]),
             smoother.covariance(smoothed, of),
         )
-    return track, means
