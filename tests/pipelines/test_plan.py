@@ -39,7 +39,7 @@ SCENARIOS = {
         {},
     ),
     "spiral-climb": (
-        ["spiral-climb", "--grade", "tactical", "--duration", "120", "--rate", "100"],
+        ["spiral-climb", "--grade", "navigation", "--duration", "120", "--rate", "100"],
         ("ins-gnss", "svd"),
         {},
     ),

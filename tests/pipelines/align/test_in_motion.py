@@ -5,6 +5,7 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
+from sinstool.core.rotation import wrapped
 from sinstool.core.units import DEGREE
 from sinstool.io.readers import open_log
 from sinstool.methods.sensor_errors import IMU_GRADES
@@ -15,8 +16,10 @@ from sinstool.pipelines.align.in_motion import (
     increments,
     sensor_errors,
 )
+from sinstool.pipelines.align.log import align_log
 from sinstool.survey.source import prepare
 from tests.helpers.launch_logs import TACTICAL, launched
+from tests.helpers.unseen_drives import GRADES, LEVER, RATE, motion_of, record, write
 
 HOUR = 3600.0
 MODULE = "sinstool.pipelines.align.in_motion"
@@ -112,3 +115,20 @@ def test_a_lift_off_late_in_a_long_log_is_aligned_all_the_same(monkeypatch):
     assert whole.status == again.status == "ok"
     assert again.t_ns == whole.t_ns
     np.testing.assert_allclose(again.q_nb, whole.q_nb, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_quiet_gyros_in_steady_motion_do_not_show_north(tmp_path, seed):
+    """Headings 44 deg off, to 1.7 deg: gyros of industrial grade, taken for tactical ones."""
+    t = np.arange(0.0, 300.0, 1.0 / RATE)
+    level = np.zeros_like(t)
+    velocity = np.stack([level + 15.0, level + 7.5, level], axis=1)
+    truth = motion_of(t, velocity, np.stack([level, level, level + np.arctan2(7.5, 15.0)], axis=1))
+    data = record(truth, GRADES["industrial"], seed, sigma=0.5, sigma_v=0.05)
+    log = write(tmp_path / "log.mcap", data)
+    options = {"input": {"gyro_kind": "mean-rate"}, "gnss": {"lever_arm": tuple(LEVER.tolist())}}
+    result = align_log(log, build(ProcessConfig, options)).result
+    assert "no rest shows its bias to be small" in result.plan.choices["IMU grade"].reason
+    if result.heading_deg is not None and result.sigma_deg[2] is not None:
+        off = np.rad2deg(wrapped(np.deg2rad(result.heading_deg) - np.arctan2(7.5, 15.0)))
+        assert abs(off) < 4.0 * result.sigma_deg[2]

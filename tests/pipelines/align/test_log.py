@@ -45,6 +45,10 @@ def test_in_the_boost_too(method, vectors):
     assert total(result) < 0.005
 
 
+# Noise alone does not show that gyros are tactical
+SAID = {"navigation": {"imu_grade": "tactical"}}
+
+
 def test_a_backward_difference_lags():
     # Half a fix interval of what force does meanwhile, which no noise is to blame for.
     lagging = total(aligned(launched(*PERFECT), in_flight={"vectors": "diff", "refine": "none"}))
@@ -93,7 +97,7 @@ def test_what_is_not_told_shows():
 
 
 def test_real_sensors_stay_within_their_sigmas():
-    result = aligned(launched(*TACTICAL))
+    result = aligned(launched(*TACTICAL), **SAID)
     assert result.result.status == "ok"
     assert total(result) < 0.3
     assert 0.01 < normalised(result) < 4.0
@@ -137,9 +141,9 @@ def test_every_outlier_is_found(share):
 
 def test_a_clipping_gyro_harms_only_without_the_gate():
     log = launched(*TACTICAL, "--gyro-range", "200")
-    gated = aligned(log)
+    gated = aligned(log, **SAID)
     assert total(gated) < 0.3
-    without = aligned(log, in_flight={"gate": "off"})
+    without = aligned(log, in_flight={"gate": "off"}, **SAID)
     assert total(without) > 1.0
     assert without.result.status == "degraded"
     assert without.result.sigma_worst_deg > 20.0 * gated.result.sigma_worst_deg
@@ -202,7 +206,8 @@ def test_at_rest_and_straight_there_is_no_heading():
     level_only(aligned(pad, input={"end": "55"}))
     level_only(aligned(pad, method="quest", input={"end": "12"}, in_flight={"refine": "none"}))
     straight = launched(*TACTICAL, "--straight")
-    level_only(aligned(straight, in_flight={"gate": "off", "align_start": 45, "align_end": 65}))
+    span = {"gate": "off", "align_start": 45, "align_end": 65}
+    level_only(aligned(straight, in_flight=span, **SAID))
 
 
 def test_no_heading_with_a_large_sigma_is_ever_given():

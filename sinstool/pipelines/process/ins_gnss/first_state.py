@@ -19,7 +19,7 @@ from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings, Start
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
 from sinstool.pipelines.align.first_attitude import align, in_flight, with_bias_in_motion
-from sinstool.survey.grade import random_walk
+from sinstool.survey.grade import bias_at_rest
 from sinstool.survey.source import Source, rate_blocks
 
 
@@ -125,7 +125,7 @@ def find_start(
         message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
         hint = exc.hint
         unsure = "sigma" in message and config.navigation.imu_grade == "auto"
-        if unsure and random_walk(source) is None:
+        if unsure and bias_at_rest(source) is None:
             hint = (
                 f"{hint or 'give an initial attitude'}, or set the grade of the Imu with"
                 " --imu-grade"

@@ -178,7 +178,7 @@ def test_an_aircraft_is_left_alone(tmp_path, scenario):
         tmp_path / "flight.mcap", scenario, "--duration", "240", "--grade", "tactical",
         "--seed", "3",
     )  # fmt: skip
-    chosen, _ = run(path)
+    chosen, _ = run(path, navigation={"imu_grade": "tactical"})
     assert chosen["filter"]["vehicle"]["kind"] == "none"
     assert chosen["filter"]["vehicle"]["land"] is None
 
