@@ -128,7 +128,7 @@ def test_quiet_gyros_in_steady_motion_do_not_show_north(tmp_path, seed):
     log = write(tmp_path / "log.mcap", data)
     options = {"input": {"gyro_kind": "mean-rate"}, "gnss": {"lever_arm": tuple(LEVER.tolist())}}
     result = align_log(log, build(ProcessConfig, options)).result
-    assert "no rest shows its bias to be small" in result.plan.choices["IMU grade"].reason
+    assert "no rest shows its bias to be small" in result.plan.choices["imu_grade"].reason
     if result.heading_deg is not None and result.sigma_deg[2] is not None:
         off = np.rad2deg(wrapped(np.deg2rad(result.heading_deg) - np.arctan2(7.5, 15.0)))
         assert abs(off) < 4.0 * result.sigma_deg[2]
