@@ -40,6 +40,19 @@ def test_what_drifts_as_a_worse_grade_is_taken_for_one(tmp_path, grade, expected
     assert expected or start.settings.imu.angle_random_walk < 0.007 * DEGREE_PER_ROOT_HOUR
 
 
+def test_innovations_refute_the_grade_of_a_rest(tmp_path):
+    """Gyros as quiet and unbiased as tactical ones, with the scale factors of a poor calibration."""
+    sensors = sensor_errors(0.1, 1.0, 0.1, 200.0, 5000.0, 1.0)
+    log = write(
+        tmp_path / "log.mcap",
+        record(drive(9, 260.0, 40.0), sensors, 33, gnss_rate=10.0, sigma=0.1),
+    )
+    gnss = {"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0}
+    start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss=gnss)
+    assert start.grade.grade == "industrial"
+    assert "clearly likelier than as a tactical one" in start.grade.why
+
+
 def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path):
     """Heading was known to 0.37 deg where it is known to 0.07."""
     log = simulated(
