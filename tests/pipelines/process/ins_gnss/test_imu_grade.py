@@ -41,7 +41,7 @@ def test_what_drifts_as_a_worse_grade_is_taken_for_one(tmp_path, grade, expected
 
 
 def test_innovations_refute_the_grade_of_a_rest(tmp_path):
-    """Gyros as quiet and unbiased as tactical ones, with the scale factors of a poor calibration."""
+    """Gyros as quiet and unbiased as tactical ones, with poor scale factors."""
     sensors = sensor_errors(0.1, 1.0, 0.1, 200.0, 5000.0, 1.0)
     log = write(
         tmp_path / "log.mcap",
