@@ -44,7 +44,9 @@ LEAST_CONCENTRATION = 0.8
 MOST_OWN = 2.0 * DEGREE
 # A car is pushed sideways in its turns by what they take, and an aircraft, which leans into them,
 # not at all: halfway between, by so many sigmas. A share less certain than this shows neither.
-LEAST_PUSH, PUSH_SIGMAS, MOST_PUSH_SIGMA = 0.5, 2.0, 0.2
+# Nor do turns that vary by less than this, m/s^2, as a steady circle does: errors of the velocity
+# make as much of them, and nothing of them is felt.
+LEAST_PUSH, PUSH_SIGMAS, MOST_PUSH_SIGMA, LEAST_TURN = 0.5, 2.0, 0.2, 0.05
 # Span, s, over which what is felt sideways is alike.
 SPAN_S = 10.0
 # How well a mount is known that is given, rad, and by how much the way may deny it.
@@ -211,7 +213,7 @@ def _push(rows: _Rows, moving: BoolArray) -> tuple[float, float]:
     push = rows.right[moving]
     turn, push = turn - turn.mean(), push - push.mean()
     size = float(turn @ turn)
-    if size == 0.0:
+    if size <= LEAST_TURN**2 * len(turn):
         return 0.0, np.inf
     share = float(turn @ push) / size
     span = np.floor(rows.time[moving] / SPAN_S).astype(np.int64)

@@ -1,9 +1,12 @@
 """Whether a vehicle slides, by tracks made for it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from sinstool.core import rotation
+from sinstool.methods.land_vehicle import trust as trusting
 from sinstool.methods.land_vehicle.track import Means, Track
 from sinstool.methods.land_vehicle.trust import find_trust
 
@@ -128,3 +131,21 @@ def test_a_mount_stated_with_another_roll_is_denied_by_gravity(roll, holds):
     trust = find_trust(means, track, stated)
     assert trust.holds == holds
     assert ("gravity" in trust.reason) == (not holds)
+
+
+@pytest.mark.parametrize(
+    "weaves, said", [(0.0, "too little"), (0.1, "")], ids=["a circle", "a weaving one"]
+)
+def test_a_steady_circle_does_not_show_what_leans(weaves, said):
+    """What it takes is all mean, what is left the error of velocity, and that is never felt."""
+    random = np.random.default_rng(3)
+    n = 3000
+    t = 0.1 * np.arange(n)
+    rate = 0.3 + weaves * np.sin(0.4 * t)
+    velocity = np.stack([10.0 + 0.05 * random.standard_normal(n), 0.0 * t, 0.0 * t], axis=1)
+    turn = np.stack([0.0 * t, 0.0 * t, rate], axis=1)
+    rows = SimpleNamespace(
+        time=t, velocity=velocity, rate=turn, right=10.0 * rate + 0.02 * random.standard_normal(n)
+    )
+    assert said in trusting._leans(rows, np.ones(n, bool))
+    assert bool(said) == bool(trusting._leans(rows, np.ones(n, bool)))
