@@ -61,6 +61,8 @@ UNCERTAIN_TILT = 2.0 * DEGREE
 STOPPED_SHARE, LOST_SHARE = 0.002, 0.03
 # Share of the time in steady turns that is more than a bend or two.
 LONG_TURNS = 0.1
+# What is steady for such a share of the time, at more than this, rad/s, may be a turn.
+STEADY, STEADY_RATE = 0.9, 1.0 * DEGREE
 # Diagnostics are written for each so many epochs.
 DIAGNOSED = 5
 DIAGNOSTICS = (
@@ -338,6 +340,17 @@ class Smoothing:
                 " be off by several of their sigmas",
                 answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
                 numbers={"share": self._turning},
+            )
+        steady = self._source.survey.lead_in
+        rate = 0.0 if steady is None else float(np.linalg.norm(steady.gyro))
+        if steady is not None and rate > STEADY_RATE and steady.duration_s > STEADY * self._moved:
+            yield Finding(
+                "steady-rate",
+                f"the Imu shows a steady {rate / DEGREE:.2g} deg/s nearly all the time: that may be"
+                " the gyro bias at rest, or a steady turn, in which roll and pitch are wrong by as"
+                " much as the vehicle leans or its turn pushes it sideways",
+                answer="give --gyro-bias X,Y,Z, or a log with some motion beside it",
+                numbers={"rate_deg_s": rate / DEGREE},
             )
         share = s.gyro_at_stop_s / max(self._moved, 1e-9)
         if share > STOPPED_SHARE:

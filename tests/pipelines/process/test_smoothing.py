@@ -275,6 +275,21 @@ def test_long_turns_without_a_rest_are_named(tmp_path, turning_s, named):
     assert ("long-turns" in kinds) == named
 
 
+@pytest.mark.parametrize(
+    "rate, moves, named", [(3.0, 0.0, True), (0.3, 0.0, False), (3.0, 0.5, False)]
+)
+def test_a_log_that_is_one_steady_turn_may_be_no_rest(tmp_path, rate, moves, named):
+    """Of an aircraft that circled, roll was 20 deg off at a stated 2 deg, without a word."""
+    random, count = np.random.default_rng(4), round(60.0 * RATE)
+    t = np.arange(count) / RATE
+    gyro = np.radians(rate) * np.array([0.0, 0.3, 0.95]) + 2e-3 * random.standard_normal((count, 3))
+    gyro[:, 0] += moves * np.sin(2.0 * t) * (t > 30.0)
+    accel = np.array([0.0, 0.0, G]) + 0.02 * random.standard_normal((count, 3))
+    path = imu_log(tmp_path / "in.mcap", even_times(count, RATE), gyro, accel)
+    summary = run(path, tmp_path / "out.mcap")
+    assert ("steady-rate" in [one["kind"] for one in summary["findings"]]) == named
+
+
 def circling(seconds, turns, seed=5, speed=60.0):
     """An aircraft in smooth air, that banks as it turns: seconds to rates of turn, rad/s."""
     random = np.random.default_rng(seed)
