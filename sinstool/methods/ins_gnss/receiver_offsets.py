@@ -276,6 +276,11 @@ def settle(
             followed = (offsets.latency_s - estimate) / (used - latency)
             followed = min(max(followed, 0.0), _MOST_FOLLOWED)
             offsets = replace(offsets, spread=1.0 / (1.0 - followed))
+    if not agrees:
+        # What is no answer to itself may be any of those tried
+        tried = np.array([*seen, (used, offsets.latency_s)])
+        half = 0.5 * float(np.ptp(tried))
+        offsets = replace(offsets, spread=max(half / offsets.sigma_s, 1.0))
     return used, offsets, agrees
 
 
