@@ -30,7 +30,7 @@ LEAST_SLOW = 0.1
 # A receiver that claims less than this speaks of its own resolution.
 LEAST_POSITION, LEAST_VELOCITY = 0.005, 0.005
 # What a receiver says beyond so many times its usual sigma is an error that lasts so long, s.
-WORSE, WORSE_S = 2.0, 10.0
+WORSE, WORSE_S = 3.0, 10.0
 # Stamps of receiver and Imu are no better than this, s: what a vehicle moves meanwhile is white
 # noise of a position.
 STAMP_S = 0.003
