@@ -12,6 +12,7 @@ from sinstool.io.readers import open_log
 from sinstool.pipelines.plan import make_plan
 from sinstool.pipelines.process.errors_against_truth import Errors, read_references
 from sinstool.pipelines.process.ins_gnss.start import timed_start
+from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.pipelines.process.run import process
 from sinstool.survey.source import prepare
 
@@ -71,6 +72,16 @@ def start_of(log, **groups):
         source = prepare(opened, config, None)
         plan = make_plan(source, config)
         return timed_start(source, config, plan.algorithm, plan.filter_start)
+
+
+def first_start_of(log, **groups):
+    """What a run would start from before it asks the log for a latency; its increments, too."""
+    config = ProcessConfig(**groups)
+    with open_log(Path(log)) as opened:
+        source = prepare(opened, config, None)
+        plan = make_plan(source, config)
+        first = plan.filter_start
+        return first, motion_from(source, config, plan.algorithm, first.time_ns)
 
 
 def errors(log, solution, begin_s=0.0):

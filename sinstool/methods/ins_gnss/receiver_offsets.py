@@ -61,6 +61,7 @@ _HALF_S = 0.06  # velocity changes are taken over so much to either side
 _SETTLED_S = 20.0  # a filter's first innovations hold what is not linear in its start
 _STRETCH_S = 15.0  # scores of such stretches are independent of each other
 _LEAST = 20  # epochs
+_MOST_OFF = 1e6  # an estimate astray by more for each s or m, in SI units, is of a filter gone wild
 _FAR = 3.0  # innovations over what is usual in the log: beyond, they count the less
 _TOLERANCE_NS = 200
 # The latency used and its estimate are brought this near, s, or to so much of a sigma; they agree
@@ -93,8 +94,7 @@ class ReceiverOffsets:
         Mean of the products of what each axis of attitude, NED, of a filter with wrong ones is off
         by for each of them, rad.
     misfit : float
-        Innovations squared that are left, over what the filter expects, of the fixes used; at
-        least 1.
+        Innovations squared that are left, over what the filter expects, of the fixes used.
     spread : float
         By how much less certain the latency is than its covariance says, see :func:`settle`.
     """
@@ -189,10 +189,10 @@ def estimate_offsets(
     Returns
     -------
     ReceiverOffsets or None
-        None where too few fixes lie within the updates.
+        None where too few fixes lie within the updates, or the filter diverges.
     """
     scores = _scores(start, settings, parts, gnss)
-    if len(scores) < _LEAST:
+    if scores is None or len(scores) < _LEAST:
         return None
     assumed = np.asarray(settings.lever_arm_b if assumed_b is None else assumed_b, np.float64)
     here = np.array([settings.gnss_latency, *settings.lever_arm_b])
@@ -319,7 +319,8 @@ def _solved(
         covariance = np.linalg.inv(information / excess + prior)
         b = covariance @ (score / excess + pull)
         left = scores.nis.sum() - 2.0 * score @ b + b @ information @ b
-        excess = max(float(left) / many, 1.0)
+        misfit = float(left) / many
+        excess = max(misfit, 1.0)
     covariance = np.linalg.inv(information / excess + prior)
     b = covariance @ (score / excess + pull)
     stretch = ((scores.time_ns - scores.time_ns[0]) * 1e-9 / _STRETCH_S).astype(np.int64)
@@ -330,7 +331,7 @@ def _solved(
     scattered = covariance @ (spread + prior) @ covariance
     more = np.sqrt(np.maximum(np.diag(scattered) / np.diag(covariance), 1.0))
     least = np.diag(np.square([_LEAST_SIGMA_S, *[_LEAST_SIGMA_M] * 3]))
-    return here + b, covariance * np.outer(more, more) + least, excess
+    return here + b, covariance * np.outer(more, more) + least, misfit
 
 
 def _robust(scores: _Scores) -> _Scores:
@@ -352,8 +353,8 @@ def _robust(scores: _Scores) -> _Scores:
 
 def _scores(
     start: Start, settings: Settings, parts: Iterable[Increments], gnss: GnssEpochs
-) -> _Scores:
-    """Of a filter with all the states that there are without a barometer."""
+) -> _Scores | None:
+    """Of a filter with all the states that there are without a barometer, None if it diverges."""
     plain = replace(
         settings,
         filter="markov-27",
@@ -372,7 +373,10 @@ def _scores(
             fixes = None
             if off is None:
                 off = _at_start(run, block, piece.interval)
-            some, off = _of_block(run, block, piece.interval, off)
+            with np.errstate(over="ignore", invalid="ignore"):
+                some, off = _of_block(run, block, piece.interval, off)
+            if not np.abs(off).max() < _MOST_OFF:
+                return None
             rows.append(some)
     scores = concatenate(rows)
     settled = np.ones(len(scores), dtype=bool)

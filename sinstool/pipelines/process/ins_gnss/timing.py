@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -35,11 +36,14 @@ GAP_NS = 5 * SECOND
 # Used where it is more than this, and than so many of its sigmas.
 LEAST_S = 0.01
 USED = 1.5
-# Where innovations squared stay so many times what a filter expects, what was found may be a wrong
-# one of several latencies that explain a shaken antenna about as well: it is sought anew from the
-# best of these, s, and of those about that one. Where an antenna shakes at 10 Hz and more only a
-# few ms from the right one show it.
+# What was found may be a wrong one of several latencies that explain a shaken antenna about as
+# well, where innovations squared stay so many times what a filter expects, where an estimate goes
+# further than the latency that it was made about, or back, by so many of its sigmas, or where the
+# antenna is not where it was said to be. Then it is sought anew from the best of these, s, and of
+# those about that one. Where an antenna shakes at 10 Hz and more only a few ms from the right one
+# show it.
 MISFIT = 4.0
+BACK, FURTHER, JUMPED = -0.5, 1.0, 5.0
 LATENCIES = np.arange(-0.1, 0.26, 0.02)
 NEARER = 0.005 * np.arange(-3, 4)
 LEAST_LAG_S = 0.02
@@ -78,7 +82,7 @@ def with_offsets(
     """
     assumed, assumed_b = first.settings.gnss_latency, first.settings.lever_arm_b
     # By all fixes, as a gate leaves out those that contradict
-    misfits: list[float] = []
+    tried: list[tuple[float, ReceiverOffsets]] = []
 
     def evaluate(latency: float, arm_b: np.ndarray | None, gated: bool) -> ReceiverOffsets | None:
         try:
@@ -94,17 +98,17 @@ def with_offsets(
             fixes = fixes.rows(~outlying(fixes))
         shown = estimate_offsets(start.start, settings, motion, fixes, assumed_b)
         if shown is not None and not gated:
-            misfits.append(shown.misfit)
+            tried.append((latency, shown))
         return shown
 
     used, offsets, agrees = settle(evaluate, assumed)
     if config.gnss.gnss_latency is not None:
         return replace(first, offsets=offsets, latency_status="given")
-    least = misfits[-1] if misfits else 0.0
-    if least > MISFIT:
-        misfits.clear()
+    if _doubtful(tried, assumed_b):
+        least = tried[-1][1].misfit
+        tried.clear()
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
-        if misfits and misfits[-1] < least:
+        if tried and tried[-1][1].misfit < least:
             used, offsets, agrees = other
     if offsets is None or not offsets.observable:
         return replace(first, offsets=offsets)
@@ -118,6 +122,24 @@ def with_offsets(
         except AlignmentError:  # better a start with a latency that is contradicted than none
             status = "not settled"
     return replace(start, offsets=offsets, latency_status=status)
+
+
+def _doubtful(
+    tried: list[tuple[float, ReceiverOffsets]], arm_b: tuple[float, float, float]
+) -> bool:
+    """Whether estimates about these latencies, s, and an arm, m, may have led to a wrong latency."""
+    if not tried:
+        return False
+    last = tried[-1][1]
+    if last.misfit > MISFIT or (any(arm_b) and last.arm_contradicts):
+        return True
+    for (before, shown), (latency, follows) in pairwise(tried):
+        change = follows.latency_s - shown.latency_s
+        slope = change / (latency - before) if latency != before else 0.0
+        jumped = abs(change) > JUMPED * max(shown.sigma_s, follows.sigma_s)
+        if jumped and not BACK < slope < FURTHER:
+            return True
+    return False
 
 
 def _likeliest_latency(

@@ -18,7 +18,7 @@ from sinstool.methods.ins_gnss.receiver_offsets import (
     settle,
 )
 from sinstool.pipelines.process.ins_gnss import timing
-from tests.helpers.filter_logs import run, start_of
+from tests.helpers.filter_logs import first_start_of, run, start_of
 from tests.helpers.unseen_drives import (
     GRADES,
     LEVER,
@@ -28,10 +28,14 @@ from tests.helpers.unseen_drives import (
     flight,
     record,
     sensor_errors,
+    walk,
     with_outliers,
     write,
 )
+from tests.helpers.unseen_errors import shaken, slower
+from tests.helpers.unseen_vehicles import train
 
+CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 KIND = {"gyro_kind": "mean-rate"}
 OF_OFFSETS = {"latency", "lever-arm", "velocity-lag", "latency-used"}
 
@@ -242,10 +246,9 @@ def test_where_all_fixes_would_be_left_out_none_is():
 def test_a_calm_flight_that_hardly_shows_its_latency_says_so(tmp_path):
     """Estimates stay near the latency they were made about, which is no reason to believe it."""
     truth = flight(3, 150.0)
-    errors = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
     ratios = []
     for draw in (22, 24):
-        data = record(truth, errors, draw, gnss_rate=10.0, sigma=0.02, sigma_v=0.075)
+        data = record(truth, CONSUMER, draw, gnss_rate=10.0, sigma=0.02, sigma_v=0.075)
         log = write(tmp_path / "log.mcap", data)
         start = start_of(log, input=KIND, gnss=given())
         ratios.append(start.settings.gnss_latency / np.sqrt(start.offsets_error[0, 0]))
@@ -263,10 +266,53 @@ def test_rough_air_of_a_start_by_positions_alone(tmp_path):
         assert abs(start.settings.gnss_latency - latency) < 3.0 * start.offsets.sigma_s < 0.02
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("moving", "seed"), [(train, 2), (train, 3), (drive, 3)])
+def test_a_shaken_antenna_hides_no_latency(tmp_path, moving, seed):
+    """About wrong latencies antennas elsewhere explain how it shakes; 36 to 88 ms were believed."""
+    data = record(
+        moving(seed, 300.0), CONSUMER, seed, gnss_rate=10.0, sigma=0.3, sigma_v=0.05, latency=0.2
+    )
+    log = write(tmp_path / "log.mcap", slower(shaken(data, seed, 1.0, 0.02), 4))
+    start = start_of(log, input=KIND, gnss=given())
+    assert start.latency_status == "found"
+    assert abs(start.settings.gnss_latency - 0.2) < 5e-3
+    assert not start.offsets.arm_contradicts
+
+
+@pytest.mark.parametrize(
+    ("estimates", "doubtful"),
+    [
+        # Towards 0.1 s, each nearer by less; then the same at 0.1 s, where noise is all there is
+        ([(0.0, 0.07), (0.07, 0.095), (0.1, 0.1)], False),
+        ([(0.1, 0.101), (0.101, 0.1)], False),
+        ([(0.0, -0.024), (-0.024, 0.022), (0.02, 0.018)], True),  # back by more than it went
+        ([(0.0, 0.05), (0.05, 0.17)], True),  # further than it went
+    ],
+)
+def test_estimates_that_lead_nowhere_are_doubted(estimates, doubtful):
+    tried = [(about, offsets_at(latency, 0.002)) for about, latency in estimates]
+    assert timing._doubtful(tried, (0.6, 0.3, -1.35)) == doubtful
+    last = replace(tried[-1][1], misfit=5.0)
+    assert timing._doubtful([*tried, (last.latency_s, last)], (0.0, 0.0, 0.0))
+
+
+def test_a_filter_that_diverges_shows_no_offsets(tmp_path):
+    """Unless fixes far off are left out, wild corrections may make it worse with each fix."""
+    data = record(
+        walk(3, 300.0), CONSUMER, 3, gnss_rate=10.0, sigma=0.3, sigma_v=0.05, latency=0.2
+    )
+    log = write(tmp_path / "log.mcap", slower(shaken(data, 3, 1.0, 0.02), 4))
+    first, motion = first_start_of(log, input=KIND, gnss=given())
+    control = replace(first.settings.control, gate_probability=1.0)
+    settings = replace(first.settings, gnss_latency=-0.08, control=control)
+    assert estimate_offsets(first.start, settings, motion, first.used) is None
+
+
 def test_what_does_not_settle_is_told(tmp_path, road, monkeypatch):
     log = logged(tmp_path, road, 4)
 
-    def never(begin, settings, parts, gnss, assumed):
+    def never(begin, settings, parts, gnss, assumed=None):
         return offsets_at(settings.gnss_latency + 0.05, 0.002)
 
     monkeypatch.setattr(timing, "estimate_offsets", never)
