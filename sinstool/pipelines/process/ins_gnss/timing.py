@@ -127,7 +127,7 @@ def with_offsets(
 def _doubtful(
     tried: list[tuple[float, ReceiverOffsets]], arm_b: tuple[float, float, float]
 ) -> bool:
-    """Whether estimates about these latencies, s, and an arm, m, may have led to a wrong latency."""
+    """Whether estimates about these latencies, s, and an arm, m, may have led astray."""
     if not tried:
         return False
     last = tried[-1][1]

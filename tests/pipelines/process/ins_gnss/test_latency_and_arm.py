@@ -299,9 +299,7 @@ def test_estimates_that_lead_nowhere_are_doubted(estimates, doubtful):
 
 def test_a_filter_that_diverges_shows_no_offsets(tmp_path):
     """Unless fixes far off are left out, wild corrections may make it worse with each fix."""
-    data = record(
-        walk(3, 300.0), CONSUMER, 3, gnss_rate=10.0, sigma=0.3, sigma_v=0.05, latency=0.2
-    )
+    data = record(walk(3, 300.0), CONSUMER, 3, gnss_rate=10.0, sigma=0.3, sigma_v=0.05, latency=0.2)
     log = write(tmp_path / "log.mcap", slower(shaken(data, 3, 1.0, 0.02), 4))
     first, motion = first_start_of(log, input=KIND, gnss=given())
     control = replace(first.settings.control, gate_probability=1.0)
