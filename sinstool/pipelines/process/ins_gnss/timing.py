@@ -33,9 +33,10 @@ from sinstool.survey.source import Source
 # Latency is looked for in the first part of a log.
 FIRST_NS = 400 * SECOND
 GAP_NS = 5 * SECOND
-# Used where it is more than this, and than so many of its sigmas.
+# Used where it is more than this, and than so many of its sigmas: stamps of most receivers are
+# right, and one of 0 within a few ms is likelier than one that a log shows as 10 +- 7 ms by chance.
 LEAST_S = 0.01
-USED = 1.5
+USED = 2.5
 # What was found may be a wrong one of several latencies that explain a shaken antenna about as
 # well, where innovations squared stay so many times what a filter expects, where an estimate goes
 # further than the latency that it was made about, or back, by so many of its sigmas, or where the
