@@ -30,6 +30,8 @@ LEAST_SIGMA = 0.02
 # turns, or brakes, accelerates by so much at most, m/s^2.
 OUTLYING, MOST_TURN, OUTLIER_ROUNDS = 15.0, 20.0, 5
 LEAST_FIXES = 40
+# A receiver that says so many times its usual sigma is off by errors that last.
+WORSE = 3.0
 # Fixes at a time: a row of each takes half a kilobyte
 BLOCK = 2**14
 
@@ -52,7 +54,9 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
         takes four times the rms over half the window's length for velocity.
     """
     # One that is far off would spoil the velocities of all around it
-    rows = gnss.rows(gnss.has_position & np.isfinite(gnss.height) & ~outlying(gnss))
+    there = gnss.has_position & np.isfinite(gnss.height)
+    rows = gnss.rows(there & ~worse_than_usual(gnss))
+    rows = rows.rows(~outlying(rows))
     n = len(rows)
     if n < LEAST:
         return rows.rows(slice(0, 0))
@@ -69,6 +73,16 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
         here = np.arange(begin, min(begin + BLOCK, n))
         velocity[here], sigma[here], good[here] = _slopes(t, position, here, half, sigma_m)
     return replace(rows, velocity_n=velocity, sigma_velocity_n=sigma).rows(good)
+
+
+def worse_than_usual(gnss: GnssEpochs) -> BoolArray:
+    """Positions that the receiver says to be far worse than most of the log's, shape (n,)."""
+    sigma = gnss.sigma_position_n
+    stated = np.isfinite(sigma).all(axis=1)
+    if not stated.any():
+        return np.zeros(len(gnss), dtype=np.bool_)
+    usual = np.median(sigma[stated], axis=0)
+    return np.asarray(stated & (sigma > WORSE * usual).any(axis=1))
 
 
 def outlying(gnss: GnssEpochs) -> BoolArray:

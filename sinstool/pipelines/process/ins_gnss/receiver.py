@@ -10,7 +10,7 @@ from sinstool.config import GnssOptions, ProcessConfig
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
-from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity
+from sinstool.methods.ins_gnss.fix_velocity import WORSE, split_position_velocity
 from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 
@@ -29,8 +29,8 @@ TOO_LITTLE = 1.5
 LEAST_SLOW = 0.1
 # A receiver that claims less than this speaks of its own resolution.
 LEAST_POSITION, LEAST_VELOCITY = 0.005, 0.005
-# What a receiver says beyond so many times its usual sigma is an error that lasts so long, s.
-WORSE, WORSE_S = 3.0, 10.0
+# What a receiver says beyond `WORSE` times its usual sigma is an error that lasts so long, s.
+WORSE_S = 10.0
 # Stamps of receiver and Imu are no better than this, s: what a vehicle moves meanwhile is white
 # noise of a position.
 STAMP_S = 0.003

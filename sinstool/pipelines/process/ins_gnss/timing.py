@@ -22,7 +22,7 @@ from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.fix_velocity import outlying, velocity_lag
+from sinstool.methods.ins_gnss.fix_velocity import outlying, velocity_lag, worse_than_usual
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.methods.strapdown.velocity import Increments
@@ -197,9 +197,10 @@ def white_noise(
 
     From second differences of the innovations of a filter that hardly believes the fixes: what
     lasts in them, errors of the fixes and of the navigation alike, is nearly straight over three
-    epochs and drops out. Medians leave single bad fixes aside.
+    epochs and drops out. Medians leave single bad fixes aside; those that the receiver itself says
+    to be worse than usual show nothing of what it says of the others.
     """
-    gnss = start.used
+    gnss = start.used.rows(~worse_than_usual(start.used))
     parts = motion_from(source, config, algorithm, start.time_ns)
     if not parts or len(gnss) < LEAST_EPOCHS:
         return None

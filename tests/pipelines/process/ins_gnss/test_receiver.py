@@ -22,7 +22,8 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag
 from tests.helpers.filter_logs import start_of
 from tests.helpers.gnss import straight
-from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
+from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, within, write
+from tests.helpers.unseen_errors import displaced
 
 RADIUS = 6.37e6
 
@@ -249,3 +250,35 @@ def test_what_a_receiver_says_beyond_its_usual_error_lasts():
     slow = dataclasses.replace(gnss, time_ns=200 * gnss.time_ns, sigma_position_n=sigma)
     rare = inflate_sigmas(slow, ProcessConfig(), stamp_s=0.0).sigma_position_n
     np.testing.assert_array_equal(rare, sigma)  # a fix each 20 s: each is another
+
+
+def test_what_a_receiver_says_to_be_worse_is_no_noise_of_its_other_fixes(tmp_path):
+    """Positions off by metres, as said, made all others count as 34 times as noisy as stated."""
+    data = record(drive(4, 500.0, 10.0), GRADES["tactical"], 4, gnss_rate=2.0, sigma=0.05)
+    worse = within(data.fixes.seconds, [(20.0, 245.0)])  # 56 % of what shows the noise
+    random = np.random.default_rng(4)
+    off = np.where(worse[:, None], 10.0 * random.standard_normal((len(worse), 3)), 0.0)
+    data = displaced(data, off)
+    sigma = np.where(worse, 10.0, data.fixes.sigma)
+    data = dataclasses.replace(data, fixes=dataclasses.replace(data.fixes, sigma=sigma))
+    gnss = {"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0}
+    log = write(tmp_path / "log.mcap", data)
+    start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss=gnss)
+    assert start.noisier == (1.0, 1.0)
+
+
+def test_no_velocity_is_made_of_positions_that_are_said_to_be_worse():
+    gnss = epochs(n=400, sigma=0.05)
+    worse = np.zeros(400, bool)
+    worse[150:300] = True
+    off = np.cumsum(np.random.default_rng(2).standard_normal(400)) * worse
+    spoilt = dataclasses.replace(
+        gnss,
+        latitude=gnss.latitude + off / RADIUS,
+        sigma_position_n=np.where(worse[:, None], 20.0, gnss.sigma_position_n),
+    )
+    made = with_velocities(spoilt, 0.05)
+    expected = with_velocities(gnss.rows(~worse), 0.05)
+    np.testing.assert_array_equal(made.velocity_n, expected.velocity_n)
+    np.testing.assert_array_equal(made.time_ns, expected.time_ns)
+    assert 200 < len(made) <= 250
