@@ -116,8 +116,11 @@ def drifting_clock(data: Record, rate: float) -> tuple[Motion, Record]:
 
 
 def displaced(data: Record, off: np.ndarray) -> Record:
-    """Fixes off by so many metres, north, east, down."""
+    """Fixes off by so many metres, north, east, down; those that a hung receiver repeats alike."""
     f = data.fixes
+    again = np.zeros(len(f.seconds), dtype=bool)
+    again[1:] = (np.diff(f.latitude) == 0.0) & (np.diff(f.longitude) == 0.0)
+    off = off[np.maximum.accumulate(np.where(again, 0, np.arange(len(off))))]
     latitude, longitude, height = moved(f.latitude, f.longitude, f.height, off)
     return replace(data, fixes=replace(f, latitude=latitude, longitude=longitude, height=height))
 

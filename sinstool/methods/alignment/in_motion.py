@@ -39,6 +39,7 @@ ROUNDS = 4
 # So many samples are held at most, where no end is set: an hour at 200 Hz. They take 200 MB, with
 # all that is computed of them.
 MOST_SAMPLES = 720_000
+NO_SAMPLES = "there are no IMU samples to align with"
 # Vertical velocity from height: over so long before and after, as heights are noisy.
 CLIMB_S = 2.0
 
@@ -158,7 +159,7 @@ class SpanReader:
                 parts.append(block)
                 count += len(block)
         if not parts:
-            raise AlignmentError("there are no IMU samples to align with", "widen start and end")
+            raise AlignmentError(NO_SAMPLES, "widen start and end")
         self._imu = imu = concatenate(parts)
         if end_ns is None:
             return imu
@@ -230,6 +231,8 @@ def align_in_motion(
             # Where the fixes do not do, samples need not be read.
             prepare_fixes(fixes, span)
             imu = samples.until(end_ns)
+            if not len(imu):  # all of it lies in a gap
+                continue
             result = align_in_flight(increments(imu, gyro_kind, interval_s, bias), fixes, span)
             if best is None or _better(result, best.result):
                 warnings = (*notes, *result.warnings, *samples.cut_short(end_ns))
@@ -239,18 +242,20 @@ def align_in_motion(
                 break
         return best
 
-    def settled(rough: MotionAlignment) -> MotionAlignment:
-        for _ in range(ROUNDS):
+    def settled(rough: MotionAlignment) -> MotionAlignment | None:
+        for k in range(ROUNDS):
             again = tried(rough.refined_bias, settings.grade, ends_ns)
             if again is None or not again.good:
-                break
+                # A bias that is one makes more of the log fit, not less
+                return None if k == 0 and rough is not best else rough
             rough = again
             if not rough.bias_surprises:
                 break
         return rough
 
     best = tried(gyro_bias, settings.grade, ends_ns)
-    assert best is not None
+    if best is None:
+        raise AlignmentError(NO_SAMPLES, "widen start and end")
     if bias_unknown is None or not best.bias_surprises:
         return best
     begin = samples.first_ns if settings.start_ns is None else settings.start_ns
@@ -268,7 +273,8 @@ def align_in_motion(
         rough = tried(gyro_bias, settings.grade, ends)
     # A bias a little beyond the ordinary may be what it is, and a large one an illusion
     found = [settled(one) for one in (best, rough) if one is not None and one.good]
-    return min(found, key=lambda one: one.result.chi2, default=best)
+    kept = [one for one in found if one is not None]
+    return min(kept, key=lambda one: one.result.chi2, default=best)
 
 
 def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> FloatArray:

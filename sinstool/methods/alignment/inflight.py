@@ -36,6 +36,7 @@ from sinstool.core.rotation import from_dcm, to_dcm
 from sinstool.methods.alignment import refine as refinement
 from sinstool.methods.alignment.covariance import axis_sigma, geometry, worst_sigma
 from sinstool.methods.alignment.gate import dynamics, lift_off, looks_clipped
+from sinstool.methods.alignment.heading_profile import profiled
 from sinstool.methods.alignment.inflight_types import (
     OK_SIGMA,
     UNIFORM_SIGMA,
@@ -234,7 +235,7 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         elif best.sigma_worst > REFINE_SIGMA:
             warnings.append("not refined: the attitude to start from is not known well enough")
         else:
-            result, errors = _refined(best, settings)
+            result, errors, lacking = _refined(best, settings)
             reference = segment.rows.rows(slice(result.row, result.row + 1))
             chain = replace(chain, dcm=result.dcm, refined=(result.state, reference))
             covariance = refinement.theta_covariance(
@@ -251,6 +252,8 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         )
     if inconsistent or errors is not None:
         covariance = max(own, 1.0) * covariance
+    if errors is not None:
+        covariance = covariance + lacking
     c_ni = chain.dcm_ni(np.array([t_ns]))[0]
     turn = c_ni @ chain.dcm
     covariance = turn @ covariance @ turn.T
@@ -318,23 +321,33 @@ def _status(covariance: FloatArray, refuse_sigma: float) -> Status:
 
 def _refined(
     best: Candidate, settings: AlignmentSettings
-) -> tuple[refinement.Refined, RefinedErrors]:
+) -> tuple[refinement.Refined, RefinedErrors, FloatArray]:
+    """The refinement, its errors, and what its covariance of theta lacks."""
     segment = best.segment
     use = np.ones(len(segment), dtype=bool)
     if settings.gate == "mask":
         use[1:] = np.diff(segment.not_calm) == 0
-    result = refinement.refine(
-        segment.rows,
-        segment.beta(),
-        segment.sigma,
-        use,
-        best.solution.dcm,
-        settings.grade,
-        max(refinement.START_SIGMA, 3.0 * best.sigma_worst),
-        settings.refine_lever_sigma,
-        settings.refine_latency_sigma,
-        backward=settings.at == "start",
-    )
+    beta = segment.beta()
+
+    def refine(dcm: FloatArray, held: FloatArray | None = None) -> refinement.Refined:
+        return refinement.refine(
+            segment.rows,
+            beta,
+            segment.sigma,
+            use,
+            dcm,
+            settings.grade,
+            max(refinement.START_SIGMA, 3.0 * best.sigma_worst),
+            settings.refine_lever_sigma,
+            settings.refine_latency_sigma,
+            # A heading is held where the answer is, and all fixes are seen from there
+            backward=(settings.at == "start") == (held is None),
+            held=held,
+        )
+
+    first = refine(best.solution.dcm)
+    down_i = segment.dcm_ni()[first.row, 2]
+    result, lacking = profiled(refine, first, down_i, 3 * int(use.sum()))
     x, sigma = result.state, np.sqrt(np.diag(result.covariance))
     parts = {
         "gyro_bias": slice(refinement.BG, refinement.BG + 3),
@@ -353,7 +366,7 @@ def _refined(
         inflated=result.inflated,
         chi2=result.chi2,
     )
-    return result, errors
+    return result, errors, lacking
 
 
 def _series(best: Candidate, path: Course) -> AlignmentSeries:

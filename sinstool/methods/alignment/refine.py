@@ -73,6 +73,7 @@ def refine(
     lever_sigma: float = 0.0,
     latency_sigma: float = 0.0,
     backward: bool = False,
+    held: FloatArray | None = None,
 ) -> Refined:
     """Filter over all rows.
 
@@ -93,6 +94,8 @@ def refine(
         How far lever arm, m, and latency, s, may be off; 0 where they are exact.
     backward : bool
         From the last row to the first, to answer there.
+    held : ndarray, shape (3,), optional
+        Unit vector in ib0: about this axis `dcm` is exact at the row where the filter begins.
 
     Notes
     -----
@@ -121,13 +124,17 @@ def refine(
     room = np.zeros((6, 22)), np.zeros((22, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 4))
     for repeat in range(PASSES):
         state, covariance = np.zeros(STATES), np.diag(prior)
+        if held is not None:
+            covariance[THETA:S, THETA:S] -= start_sigma**2 * np.outer(held, held)
         inflated, total = _filter_kernel(
             transition, z_beta @ dcm - alpha, force, lever, step, decay, prior, noise,
             sigma[order] ** 2, use[order], state, covariance, *room,
         )  # fmt: skip
         if repeat < PASSES - 1:
-            turned = theta_at(state, run.rows(slice(-1, None)), run.rows(slice(0, 1)))
-            dcm = dcm @ to_dcm(exp(-turned[0]))
+            turned = theta_at(state, run.rows(slice(-1, None)), run.rows(slice(0, 1)))[0]
+            if held is not None:
+                turned = turned - (turned @ held) * held
+            dcm = dcm @ to_dcm(exp(-turned))
     chi2 = total / (3.0 * max(int(use.sum()), 1))
     return Refined(dcm, state, covariance, int(order[-1]), inflated, chi2)
 
