@@ -347,10 +347,8 @@ def _better(
         return None
     order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
     scales = has_scales(config)
-    gains = {
-        other: drift.gain(factors, imu_noise(config, other, scales))
-        for other in order[order.index(grade) + 1 :]
-    }
+    others = order[order.index(grade) + 1 :]
+    gains = drift.gains(factors, {other: imu_noise(config, other, scales) for other in others})
     best = max(gains, key=lambda other: gains[other], default=None)
     return best if best is not None and gains[best] > LEAST_GAIN else None
 
