@@ -29,7 +29,7 @@ from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.chi_square import upper_point
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import wrapped
-from sinstool.core.streams import GnssEpochs, concatenate, take_rows
+from sinstool.core.streams import GnssEpochs, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -38,12 +38,11 @@ from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.land_vehicle.shaking import Shaking, find_shaking
 from sinstool.methods.land_vehicle.track import MeansStage
 from sinstool.methods.sensor_errors import SensorGrade
-from sinstool.methods.strapdown.joined_updates import joined_updates
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.likeliest_noise import MOST_SQUARE, cost, likeliest
 from sinstool.survey.grade import random_walks
-from sinstool.survey.increments import SegmentIncrements
+from sinstool.survey.increments import first_increments
 from sinstool.survey.source import Source
 
 # So much of a log shows it.
@@ -178,28 +177,21 @@ class _Windows:
 
 
 def shown_increments(
-    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    below_s: float | None = JOINED_S,
 ) -> Increments | None:
     """Increments of the first minutes from a start on, up to a long gap; None without any.
 
-    All at once, as each run over them is prepared for longer than it takes per block, and joined.
+    Parameters
+    ----------
+    below_s : float or None
+        They are joined as long as they stay shorter, s.
     """
-    shown = _shown(source, config, algorithm, start)
-    return None if shown is None else joined_updates(shown, JOINED_S)
-
-
-def _shown(
-    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
-) -> Increments | None:
-    parts: list[Increments] = []
-    last_ns = start.time_ns
-    steps = SegmentIncrements(source, config, algorithm)
-    for increments, _, _ in steps.from_time(start.time_ns, start.time_ns + SHOWN_NS):
-        if int(increments.time_ns[0]) - last_ns > round(start.settings.max_gap * SECOND):
-            break
-        last_ns = int(increments.time_ns[-1])
-        parts.append(increments)
-    return concatenate(parts) if parts else None
+    gap_ns = round(start.settings.max_gap * SECOND)
+    return first_increments(source, config, algorithm, start.time_ns, SHOWN_NS, gap_ns, below_s)
 
 
 class Drift:
@@ -219,11 +211,9 @@ class Drift:
         self._measured = config.navigation.imu_noise is not None
         self._least = _of_rest(source, start)
         self._shaken = _shaken_at_rest(source, start)
-        self._increments, self._shaking = None, None
-        shown = _shown(source, config, algorithm, start)
-        if shown is not None:
-            self._increments = joined_updates(shown, JOINED_S)
-            self._shaking = _shaking(shown, start)
+        shown = shown_increments(source, config, algorithm, start, None)
+        self._increments = shown_increments(source, config, algorithm, start)
+        self._shaking = None if shown is None else _shaking(shown, start)
 
     @property
     def ratio(self) -> float:

@@ -59,7 +59,8 @@ def likeliest(errors: Errors, weight: float) -> tuple[float, float, float]:
         near = _Near(run, powers, ways)
         return lambda at: weight * near.cost(at) + _prior(at)
 
-    best, ways = FIRST_POWERS, (1,)
+    best: np.ndarray = FIRST_POWERS
+    ways: tuple[int, ...] = (1,)
     for _ in range(ROUNDS):
         near = about(best, ways)
         steps = [best + way * axis for axis in AXES for way in ways]

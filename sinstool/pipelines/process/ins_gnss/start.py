@@ -166,6 +166,7 @@ def timed_start(
     if imu_stated(config):
         drift = Drift(source, config, algorithm, _by_the_fixes(start))
         start = replace(start, drifts=drift.ratio)
+    source.samples.made.clear()
     if start.latency_status == "not settled":
         warning = (
             f"the latency of GNSS did not settle: {1e3 * start.settings.gnss_latency:.0f} ms is"
