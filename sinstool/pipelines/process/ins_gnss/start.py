@@ -65,7 +65,10 @@ FIRST_LATENCIES = (0.0, 0.15, -0.15)
 
 
 def first_start(
-    source: Source, config: ProcessConfig, grade: ImuGrade | None = None
+    source: Source,
+    config: ProcessConfig,
+    grade: ImuGrade | None = None,
+    lag: float | None = None,
 ) -> FilterStart:
     """Settings, start and measurements of a filter run, with the configured latency or zero.
 
@@ -73,6 +76,9 @@ def first_start(
     ----------
     grade : ImuGrade, optional
         Instead of the one that the log shows at rest.
+    lag : float, optional
+        By which velocities are taken to be stamped later than positions, s, where that has been
+        found out already.
 
     Raises
     ------
@@ -99,7 +105,8 @@ def first_start(
     model, gnss_why = gnss_model(gnss, config)
     reference, remarks = barometer(source, config)
     settings = filter_settings(source, config, grade, model, reference)
-    lag = config.filter.gnss_velocity_lag
+    if lag is None:
+        lag = config.filter.gnss_velocity_lag
     if lag is None:
         lag = significant_lag(gnss)
     epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
@@ -278,7 +285,7 @@ def _fitted(
                 " what was expected"
             )
         try:
-            first = first_start(source, config, ImuGrade(worse, why))
+            first = first_start(source, config, ImuGrade(worse, why), start.lag)
         except AlignmentError:
             break
         other = _timed(source, config, algorithm, first)
@@ -302,9 +309,8 @@ def _drifting(
         # Noise at rest says nothing of biases and scale factors
         why = f"as a {start.grade.grade} one drifts {drift.ratio:.2g} times too much without fixes"
         try:
-            other = _timed(
-                source, config, algorithm, first_start(source, config, ImuGrade(worse, why))
-            )
+            first = first_start(source, config, ImuGrade(worse, why), start.lag)
+            other = _timed(source, config, algorithm, first)
         except AlignmentError:
             other = start
         less = Drift(source, config, algorithm, _by_the_fixes(other))
@@ -316,7 +322,7 @@ def _drifting(
         try:
             why, before = "by its drift without fixes", start.grade.grade
             judged = ImuGrade(better, why, by_drift=True, aligned_as=before)
-            first = first_start(source, config, judged)
+            first = first_start(source, config, judged, start.lag)
             start = _timed(source, config, algorithm, first)
             drift = Drift(source, config, algorithm, _by_the_fixes(start))
             factors = drift.factors()
