@@ -177,7 +177,7 @@ def white_noise(
     if motion is None or len(gnss) < LEAST_EPOCHS:
         return None
     run = InsGnssFilter(start.start, _loose(start.settings), with_baro=False, output=False)
-    epochs = run.push(motion, _unsized(start.used_until(int(motion.time_ns[-1])))).gnss
+    epochs = run.push(motion, _unsized(gnss)).gnss
     position = _scatter(epochs.time_ns, epochs.innovation[:, :3])
     return WhiteNoise(position, _scatter(epochs.time_ns, epochs.innovation[:, 3:]))
 
