@@ -397,7 +397,9 @@ def join(fixes: Gnss | None, velocity: Velocity | None) -> GnssEpochs | None:
     times, logged, rows = first.time_ns, first.log_time_ns, np.arange(len(first))
     if fixes is not None and velocity is not None:
         partner, together = _partners(fixes.time_ns, velocity.time_ns)
-        alone = np.setdiff1d(np.arange(len(velocity)), partner[together])
+        single = np.ones(len(velocity), np.bool_)
+        single[partner[together]] = False
+        alone = np.flatnonzero(single)
         times = np.concatenate([times, velocity.time_ns[alone]])
         logged = np.concatenate([logged, velocity.log_time_ns[alone]])
         rows = np.concatenate([rows[together], len(fixes) + np.arange(len(alone))])
@@ -429,7 +431,7 @@ def _partners(fixes_ns: np.ndarray, velocity_ns: np.ndarray) -> tuple[np.ndarray
     # A velocity belongs to one fix only, the nearest to it.
     order = np.lexsort((away, partner))
     nearest = np.zeros(len(fixes_ns), np.bool_)
-    nearest[order[np.unique(partner[order], return_index=True)[1]]] = True
+    nearest[order[np.diff(partner[order], prepend=-1) > 0]] = True
     return partner, nearest & (away <= SAME_EPOCH_NS)
 
 
