@@ -19,7 +19,7 @@ def smoother_gain(
     p_plus: FloatArray,
     p_minus: FloatArray,
     gain: FloatArray,
-    low: FloatArray,
+    up: FloatArray,
     scale: FloatArray,
 ) -> None:
     """Transpose of the gain ``P+ Phi^T P-^-1``.
@@ -34,7 +34,7 @@ def smoother_gain(
         Before those of the next.
     gain : ndarray, shape (n, n)
         Gets it.
-    low, scale : ndarray, shape (n, n) and (n,)
+    up, scale : ndarray, shape (n, n) and (n,)
         Scratch.
 
     Notes
@@ -45,48 +45,58 @@ def smoother_gain(
     n = len(scale)
     # Phi P+, which is the transpose of what G multiplies the inverse with
     product(transition, p_plus, n, n, n, gain)
-    # Cholesky of P- scaled to ones on the diagonal
+    # Cholesky's U of P- scaled to ones on the diagonal, U^T U, along rows; here and below four of
+    # them at a time: short loops take longer to begin than to run
     for i in range(n):
         v = p_minus[i, i]
         scale[i] = 1.0 / sqrt(v) if v > 0.0 else 0.0
     for i in range(n):
-        for j in range(i + 1):
-            s = p_minus[i, j] * scale[i] * scale[j]
-            for m in range(j):
-                s -= low[i, m] * low[j, m]
-            if i > j:
-                low[i, j] = s * low[j, j]
-            else:
-                # The reciprocal of the pivot; 0 leaves a known direction out.
-                low[i, i] = 1.0 / sqrt(s) if s > _PIVOT else 0.0
+        for j in range(i, n):
+            up[i, j] = p_minus[i, j] * scale[j] * scale[i]
+        whole = i - i % 4
+        for m in range(0, whole, 4):
+            e, f, g, h = up[m, i], up[m + 1, i], up[m + 2, i], up[m + 3, i]
+            for j in range(i, n):
+                s = up[i, j] - e * up[m, j] - f * up[m + 1, j]
+                up[i, j] = s - g * up[m + 2, j] - h * up[m + 3, j]
+        for m in range(whole, i):
+            f = up[m, i]
+            for j in range(i, n):
+                up[i, j] -= f * up[m, j]
+        # The reciprocal of the pivot; 0 leaves a known direction out.
+        f = 1.0 / sqrt(up[i, i]) if up[i, i] > _PIVOT else 0.0
+        up[i, i] = f
+        for j in range(i + 1, n):
+            up[i, j] *= f
     # P-^-1 Phi P+ = G^T, in place
     for i in range(n):
         for j in range(n):
             gain[i, j] *= scale[i]
-        # Three rows at a time here and below: short loops take longer to begin than to run
-        whole = i - i % 3
-        for m in range(0, whole, 3):
-            f, g, h = low[i, m], low[i, m + 1], low[i, m + 2]
+        whole = i - i % 4
+        for m in range(0, whole, 4):
+            e, f, g, h = up[m, i], up[m + 1, i], up[m + 2, i], up[m + 3, i]
             for j in range(n):
-                gain[i, j] = gain[i, j] - f * gain[m, j] - g * gain[m + 1, j] - h * gain[m + 2, j]
+                s = gain[i, j] - e * gain[m, j] - f * gain[m + 1, j]
+                gain[i, j] = s - g * gain[m + 2, j] - h * gain[m + 3, j]
         for m in range(whole, i):
-            f = low[i, m]
+            f = up[m, i]
             for j in range(n):
                 gain[i, j] -= f * gain[m, j]
-        f = low[i, i]
+        f = up[i, i]
         for j in range(n):
             gain[i, j] *= f
     for i in range(n - 1, -1, -1):
-        whole = n - (n - 1 - i) % 3
-        for m in range(i + 1, whole, 3):
-            f, g, h = low[m, i], low[m + 1, i], low[m + 2, i]
+        whole = n - (n - 1 - i) % 4
+        for m in range(i + 1, whole, 4):
+            e, f, g, h = up[i, m], up[i, m + 1], up[i, m + 2], up[i, m + 3]
             for j in range(n):
-                gain[i, j] = gain[i, j] - f * gain[m, j] - g * gain[m + 1, j] - h * gain[m + 2, j]
+                s = gain[i, j] - e * gain[m, j] - f * gain[m + 1, j]
+                gain[i, j] = s - g * gain[m + 2, j] - h * gain[m + 3, j]
         for m in range(whole, n):
-            f = low[m, i]
+            f = up[i, m]
             for j in range(n):
                 gain[i, j] -= f * gain[m, j]
-        f = low[i, i]
+        f = up[i, i]
         for j in range(n):
             gain[i, j] *= f
     for i in range(n):
@@ -124,24 +134,27 @@ def smoother_covariance(
     for i in range(n):
         for j in range(n):
             diff[i, j] = 0.0
-        for m in range(0, n - 2, 3):
-            f = after[i, m] - p_minus[i, m]
-            g = after[i, m + 1] - p_minus[i, m + 1]
-            h = after[i, m + 2] - p_minus[i, m + 2]
+        for m in range(0, n - 3, 4):
+            e = after[i, m] - p_minus[i, m]
+            f = after[i, m + 1] - p_minus[i, m + 1]
+            g = after[i, m + 2] - p_minus[i, m + 2]
+            h = after[i, m + 3] - p_minus[i, m + 3]
             for j in range(n):
-                diff[i, j] = diff[i, j] + f * gain[m, j] + g * gain[m + 1, j] + h * gain[m + 2, j]
-        for m in range(n - n % 3, n):
+                s = diff[i, j] + e * gain[m, j] + f * gain[m + 1, j]
+                diff[i, j] = s + g * gain[m + 2, j] + h * gain[m + 3, j]
+        for m in range(n - n % 4, n):
             f = after[i, m] - p_minus[i, m]
             for j in range(n):
                 diff[i, j] += f * gain[m, j]
     for i in range(n):
         for j in range(n):
             low[i, j] = 0.0
-        for m in range(0, n - 2, 3):
-            f, g, h = gain[m, i], gain[m + 1, i], gain[m + 2, i]
+        for m in range(0, n - 3, 4):
+            e, f, g, h = gain[m, i], gain[m + 1, i], gain[m + 2, i], gain[m + 3, i]
             for j in range(i + 1):
-                low[i, j] = low[i, j] + f * diff[m, j] + g * diff[m + 1, j] + h * diff[m + 2, j]
-        for m in range(n - n % 3, n):
+                s = low[i, j] + e * diff[m, j] + f * diff[m + 1, j]
+                low[i, j] = s + g * diff[m + 2, j] + h * diff[m + 3, j]
+        for m in range(n - n % 4, n):
             f = gain[m, i]
             for j in range(i + 1):
                 low[i, j] += f * diff[m, j]

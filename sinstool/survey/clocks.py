@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
-
 from sinstool.config import InputOptions
 from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding, Severity
+from sinstool.core.order_statistics import quantile
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.survey.aiding import AidingData
@@ -69,7 +68,7 @@ def clocks_apart(survey: Survey, gnss: GnssEpochs | None, topic: str) -> list[Fi
     if gnss is None or len(gnss) < LEAST or survey.time_source != "stamp":
         return []
     low, high = survey.clock_offset_s
-    delay = float(np.quantile((gnss.log_time_ns - gnss.time_ns) / SECOND, QUICK))
+    delay = float(quantile((gnss.log_time_ns - gnss.time_ns) / SECOND, QUICK))
     if low - AHEAD_S <= delay <= high + BEHIND_S:
         return []
     ahead = low - delay

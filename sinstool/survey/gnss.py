@@ -17,6 +17,7 @@ from sinstool.core.choices import log_choice
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding, Severity
+from sinstool.core.order_statistics import median
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import SECOND
@@ -164,7 +165,7 @@ def _best_receiver(
     Those that claim about the same are told apart by a velocity topic beside theirs, then by rate.
     """
     seconds = {
-        r.topic: 0 if r.stream is None else len(np.unique(r.stream.time_ns // SECOND))
+        r.topic: 0 if r.stream is None else len(set((r.stream.time_ns // SECOND).tolist()))
         for r in receivers
     }
     enough = NEARLY_ALL * max(seconds.values(), default=0)
@@ -304,16 +305,16 @@ def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None)
             return
     raise DataError(
         log.path,
-        f"topic {topic}: latitudes are about {np.median(latitude):.4g} and longitudes"
-        f" {np.median(longitude):.4g}, as in radians",
+        f"topic {topic}: latitudes are about {median(latitude):.4g} and longitudes"
+        f" {median(longitude):.4g}, as in radians",
         "add --gnss-unit rad (or --gnss-unit deg if the log is right)",
     )
 
 
 def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
     """Refuse angles that are on no globe, and heights that no vehicle has."""
-    latitude = float(np.median(np.abs(fixes.latitude[:PROBE])) / DEGREE)
-    longitude = float(np.median(np.abs(fixes.longitude[:PROBE])) / DEGREE)
+    latitude = float(median(np.abs(fixes.latitude[:PROBE])) / DEGREE)
+    longitude = float(median(np.abs(fixes.longitude[:PROBE])) / DEGREE)
     if latitude > 90.0 or longitude > 360.0:
         raise DataError(
             log.path,
@@ -323,10 +324,10 @@ def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
             " or name another topic with --gnss-topic",
         )
     heights = fixes.height[np.isfinite(fixes.height)][:PROBE]
-    if len(heights) and not -500.0 <= float(np.median(heights)) <= 60000.0:
+    if len(heights) and not -500.0 <= float(median(heights)) <= 60000.0:
         raise DataError(
             log.path,
-            f"topic {topic}: its altitudes are about {np.median(heights):.6g} m",
+            f"topic {topic}: its altitudes are about {median(heights):.6g} m",
             "sensor_msgs/NavSatFix holds metres (some drivers write millimetres): convert it, or"
             " name another topic with --gnss-topic",
         )
@@ -396,7 +397,9 @@ def join(fixes: Gnss | None, velocity: Velocity | None) -> GnssEpochs | None:
     times, logged, rows = first.time_ns, first.log_time_ns, np.arange(len(first))
     if fixes is not None and velocity is not None:
         partner, together = _partners(fixes.time_ns, velocity.time_ns)
-        alone = np.setdiff1d(np.arange(len(velocity)), partner[together])
+        single = np.ones(len(velocity), np.bool_)
+        single[partner[together]] = False
+        alone = np.flatnonzero(single)
         times = np.concatenate([times, velocity.time_ns[alone]])
         logged = np.concatenate([logged, velocity.log_time_ns[alone]])
         rows = np.concatenate([rows[together], len(fixes) + np.arange(len(alone))])
@@ -428,7 +431,7 @@ def _partners(fixes_ns: np.ndarray, velocity_ns: np.ndarray) -> tuple[np.ndarray
     # A velocity belongs to one fix only, the nearest to it.
     order = np.lexsort((away, partner))
     nearest = np.zeros(len(fixes_ns), np.bool_)
-    nearest[order[np.unique(partner[order], return_index=True)[1]]] = True
+    nearest[order[np.diff(partner[order], prepend=-1) > 0]] = True
     return partner, nearest & (away <= SAME_EPOCH_NS)
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, cast
 
 from sinstool.config import ProcessConfig
-from sinstool.core.streams import Imu
+from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import segments
 from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.strapdown.joined_updates import joined_updates
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentSamples
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.survey.source import Source, nominal_interval, rate_blocks
@@ -69,6 +70,57 @@ class SegmentIncrements:
                 opening = None
         if stage is not None and waiting is not None:
             yield from _answer(stage.finish(), waiting, opening)
+
+
+def first_increments(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start_ns: int,
+    span_ns: int,
+    gap_ns: int,
+    below_s: float | None = None,
+) -> Increments | None:
+    """Increments of some minutes from a sample on, up to a gap; None without any.
+
+    All at once, so that what is made of them does not depend on where a reader's blocks end. They
+    are kept with the samples until others are asked for from another sample on, as runs of the same
+    minutes follow each other.
+
+    Parameters
+    ----------
+    start_ns : int
+        Time of the sample at which the first update begins.
+    span_ns, gap_ns : int
+        So many minutes; the longest time between updates.
+    below_s : float, optional
+        Updates are joined as long as they stay shorter than this, s.
+    """
+    made = source.samples.made
+    key = config.input.sample_kind, id(algorithm), start_ns, span_ns, gap_ns, below_s
+    if key not in made:
+        if any(kept[2] != start_ns for kept in made):
+            made.clear()
+        if below_s is None:
+            steps = SegmentIncrements(source, config, algorithm)
+            made[key] = _up_to_gap(steps.from_time(start_ns, start_ns + span_ns), start_ns, gap_ns)
+        else:
+            whole = first_increments(source, config, algorithm, start_ns, span_ns, gap_ns)
+            made[key] = None if whole is None else joined_updates(whole, below_s)
+    return cast("Increments | None", made[key])
+
+
+def _up_to_gap(
+    steps: Iterator[tuple[Increments, Imu, Imu | None]], start_ns: int, gap_ns: int
+) -> Increments | None:
+    parts: list[Increments] = []
+    last_ns = start_ns
+    for increments, _, _ in steps:
+        if int(increments.time_ns[0]) - last_ns > gap_ns:
+            break
+        last_ns = int(increments.time_ns[-1])
+        parts.append(increments)
+    return concatenate(parts) if parts else None
 
 
 def _answer(

@@ -14,6 +14,7 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.finding import Finding, Severity
+from sinstool.core.order_statistics import median
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
@@ -141,7 +142,7 @@ def _odd_size(s: Survey) -> bool:
     minutes feels more than gravity: there the means of twenty seconds in axes that do not turn are
     of gravity's size.
     """
-    size = float(np.median(np.linalg.norm(s.windows.accel, axis=1)))
+    size = float(median(np.linalg.norm(s.windows.accel, axis=1)))
     usual = GRAVITY_SIZES[0] < size < GRAVITY_SIZES[1]
     return not (usual or s.gyro_unit.misfit_radians < LEAST_MISFIT)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.finding import Finding
+from sinstool.core.order_statistics import median
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
@@ -92,7 +93,7 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
         least = max(MOVING_M_S, SIGMAS * _usual(fast.sigma_velocity_n, 0.0))
         if _median_speed_of_means(fast) <= least:
             return None
-        return float(np.median(np.linalg.norm(fast.velocity_n[:, :2], axis=1)))
+        return float(median(np.linalg.norm(fast.velocity_n[:, :2], axis=1)))
     fixed = inside.rows(inside.has_position)
     if len(fixed) < 2:
         return None
@@ -103,12 +104,12 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     step = time[ahead[begin]] - time[begin]
     far = _metres(fixed, ahead[begin])
     way = np.stack([far[0] - north, far[1] - east])
-    speed = float(np.linalg.norm(np.median(way / step, axis=1)))
+    speed = float(np.linalg.norm(median(way / step, axis=1)))
     noise = SIGMAS * _usual(fixed.sigma_position_n, UNKNOWN_SIGMA_M)
     if speed * float(time[-1]) > max(MOVING_M, noise) and speed > MOVING_M_S:
         return speed
     # Who drives in circles is back where he was, but not within seconds
-    apart = float(np.median(np.linalg.norm(way, axis=0)))
+    apart = float(median(np.linalg.norm(way, axis=0)))
     return apart / APART_S if apart > max(MOVING_M, 2.0 * noise) else None
 
 
@@ -121,7 +122,7 @@ def _median_speed_of_means(gnss: GnssEpochs) -> float:
     first = np.flatnonzero(np.diff(piece, prepend=-1))
     count = np.diff(first, append=len(gnss))[:, None]
     means = np.add.reduceat(gnss.velocity_n[:, :2], first) / count
-    return float(np.median(np.linalg.norm(means, axis=1)))
+    return float(median(np.linalg.norm(means, axis=1)))
 
 
 def _near(gnss: GnssEpochs, start_ns: int, end_ns: int) -> bool:
@@ -153,7 +154,7 @@ def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, l
     if np.count_nonzero(late) < LEAST_FIXES:
         return gnss, []
     north, east = _metres(gnss, slice(None))
-    off = np.hypot(north - np.median(north[late]), east - np.median(east[late]))
+    off = np.hypot(north - median(north[late]), east - median(east[late]))
     sigma = np.nan_to_num(gnss.sigma_position_n[:, :2].max(axis=1), nan=UNKNOWN_SIGMA_M)
     far = off > np.maximum(UNSETTLED_M, SIGMAS * sigma)
     wrong = resting & ~late & far
@@ -186,4 +187,4 @@ def _usual(sigma_n: np.ndarray, unknown: float) -> float:
     """Median horizontal standard deviation."""
     level = sigma_n[:, :2].max(axis=1)
     stated = np.isfinite(level)
-    return float(np.median(level[stated])) if stated.any() else unknown
+    return float(median(level[stated])) if stated.any() else unknown

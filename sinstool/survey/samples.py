@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -33,10 +34,15 @@ class SampleCache:
     ----------
     blocks : list of Imu or None
         In the order of the file, without orientation; None when there were too many.
+    made : dict
+        What several runs need of a part of them, by what it depends on: see
+        :func:`~sinstool.survey.increments.first_increments`. Whoever knows that no run comes any
+        more empties it.
     """
 
     def __init__(self, beside: Watcher | None = None) -> None:
         self.blocks: list[Imu] | None = []
+        self.made: dict[tuple[Any, ...], Any] = {}
         self._beside = beside
 
     def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core import rotation
+from sinstool.core.order_statistics import median
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.alignment.still import WINDOW_NS, Windows
 
@@ -120,7 +121,7 @@ def _misfits(windows: Windows, units: tuple[float, ...]) -> list[float]:
     axis = windows.accel.mean(axis=0)
     axis /= max(float(np.linalg.norm(axis)), 1e-9)
     mean = windows.gyro.mean(axis=0)
-    usual = float(np.median(np.linalg.norm(windows.accel, axis=1)))
+    usual = float(median(np.linalg.norm(windows.accel, axis=1)))
     gravity = usual if accel_looks_like_g(usual) else STANDARD_GRAVITY
     rows = first[:, None] + np.arange(length)
     # By unit and bias: what is computed for all of them at once is called for once

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
+from sinstool.core.order_statistics import median, quantile
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.core.timeline import SECOND
@@ -81,7 +82,7 @@ def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
     rate = velocity.velocity_n[:, 0] + 1j * velocity.velocity_n[:, 1]
     step = np.diff(t)
     way = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * step)])
-    holes = np.concatenate([[0], np.cumsum(step > max(APART_S, 3.0 * float(np.median(step))))])
+    holes = np.concatenate([[0], np.cumsum(step > max(APART_S, 3.0 * float(median(step))))])
     run = np.interp(seconds, t, way.real) + 1j * np.interp(seconds, t, way.imag)
     hole = holes[np.searchsorted(t, seconds, "right") - 1]
     sigma = usual_noise(fixes)
@@ -94,7 +95,7 @@ def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
             continue
         moved, said = place[end] - place[begin], run[end] - run[begin]
         share = np.abs(moved - said) / np.maximum(np.abs(moved), np.abs(said))
-        misfit = float(np.quantile(share, QUARTILE))
+        misfit = float(quantile(share, QUARTILE))
         if misfit > most:
             return Agreement(misfit, True, _likeness(moved, said, velocity))
         return Agreement(misfit)
@@ -109,16 +110,16 @@ def _spikes(off: NDArray[np.complex128], sigma: float) -> BoolArray:
     """
     padded = np.pad(off, AROUND, "edge")
     near = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1)
-    middle = np.median(near.real, axis=1) + 1j * np.median(near.imag, axis=1)
+    middle = median(near.real, axis=1) + 1j * median(near.imag, axis=1)
     away = np.abs(off - middle)
-    return np.asarray(away > SPIKE * max(float(np.median(away)), sigma))
+    return np.asarray(away > SPIKE * max(float(median(away)), sigma))
 
 
 def usual_noise(fixes: Gnss) -> float:
     """Usual horizontal standard deviation of fixes, as they say, m."""
     variance = np.einsum("nii->ni", fixes.covariance_n)[:, :2].mean(axis=1)
     stated = (fixes.covariance_type > 0) & np.isfinite(variance) & (variance > 0.0)
-    return float(np.sqrt(np.median(variance[stated]))) if stated.any() else UNKNOWN_SIGMA_M
+    return float(np.sqrt(median(variance[stated]))) if stated.any() else UNKNOWN_SIGMA_M
 
 
 def _windows(
@@ -164,7 +165,7 @@ def _likeness(
     forward, left = np.sqrt(np.mean(velocity.velocity_n[:, [1, 0]] ** 2, axis=0))
     if left < 0.2 * forward:
         return "its axes seem to be the vehicle's own axes, forward and left"
-    usual, fixed = (float(np.median(np.abs(each))) for each in (said, moved))
+    usual, fixed = (float(median(np.abs(each))) for each in (said, moved))
     if 0.8 * fixed < usual < 1.25 * fixed:
         return "its speed matches the fixes, its course does not"
     return ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -39,6 +40,7 @@ class Encoder:
             standard_definition(type_name, encoding), dict(strings or {}), dict(lengths or {})
         )
         self._runs: set[tuple[str, int]] = set()  # found to fit
+        self._places: dict[str, tuple[int, np.dtype[Any], int]] = {}
 
     def encode(self, columns: Mapping[str, np.ndarray], count: int) -> np.ndarray:
         """Serialise ``count`` messages.
@@ -47,7 +49,8 @@ class Encoder:
         ----------
         columns : mapping of str to ndarray
             Path to values, (n,) or (n, k) with k elements from that path on (k > 1 covers the
-            following primitives of the same type too, as x, y, z), or a scalar for all.
+            following primitives of the same type too, as x, y, z), or a scalar for all. ``path[i]``
+            is where element i of an array lies.
         count : int
             How many messages.
 
@@ -66,23 +69,34 @@ class Encoder:
         if not count:
             return out
         for path, values in columns.items():
-            leaf = self.layout.leaves.get(path)
-            if leaf is None:
-                raise LayoutError(f"{self.type_name} has no field {path}")
+            offset, dtype, room = self._places.get(path) or self._place(path)
             array = np.asarray(values)
             width = array.shape[1] if array.ndim == 2 else 1
-            dtype = np.dtype("<" + leaf.dtype)
-            if width > leaf.count and (path, width) not in self._runs:
-                self._check_run(path, leaf.offset, dtype, width)
+            if width > room and (path, width) not in self._runs:
+                self._check_run(path, offset, dtype, width)
                 self._runs.add((path, width))
-            end = leaf.offset + dtype.itemsize * width
+            end = offset + dtype.itemsize * width
             # numpy's field view writes straight into the rows at any byte offset
             view = np.ndarray(
-                (count, width), dtype, out.data, leaf.offset, (out.strides[0], dtype.itemsize)
+                (count, width), dtype, out.data, offset, (out.strides[0], dtype.itemsize)
             )
             assert end <= out.shape[1]
             view[:] = array.reshape(-1, width) if array.ndim else array
         return out
+
+    def _place(self, path: str) -> tuple[int, np.dtype[Any], int]:
+        """Offset and type of a path, and how many elements its own array has from there on."""
+        leaf, first = self.layout.leaves.get(path), 0
+        if leaf is None and path.endswith("]"):
+            whole, _, number = path[:-1].rpartition("[")
+            if number.isdecimal():
+                leaf, first = self.layout.leaves.get(whole), int(number)
+        if leaf is None or first >= leaf.count:
+            raise LayoutError(f"{self.type_name} has no field {path}")
+        dtype = np.dtype("<" + leaf.dtype)
+        place = leaf.offset + first * dtype.itemsize, dtype, leaf.count - first
+        self._places[path] = place
+        return place
 
     def _check_run(self, path: str, offset: int, dtype: np.dtype, width: int) -> None:
         starts = {

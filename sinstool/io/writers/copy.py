@@ -197,7 +197,7 @@ class Copier:
                 self._writer.write([defined])
                 return
             # 31 bytes of record head and fixed fields stand before each payload
-            indexes = message_indexes(batch.channel, batch.log_time, batch.offset - 31)
+            indexes = message_indexes(batch.channel, batch.log_time, batch.offset - 31)[0]
             times = int(batch.log_time.min()), int(batch.log_time.max())
         else:
             times = place.start_time, place.end_time

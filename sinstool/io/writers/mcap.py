@@ -14,6 +14,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import IO
 
 import lz4.frame
@@ -66,19 +67,21 @@ def _compress(name: str, data: np.ndarray) -> bytes:
 
 
 def message_indexes(
-    channel: np.ndarray, log_time: np.ndarray, offset: np.ndarray
-) -> list[tuple[int, bytes]]:
-    """Entries of the message index of each channel of a chunk.
+    channel: np.ndarray, log_time: np.ndarray, offset: np.ndarray, bases: Sequence[int] = (0,)
+) -> list[list[tuple[int, bytes]]]:
+    """Entries of the message indexes of chunks that follow each other.
 
     Parameters
     ----------
     channel, log_time, offset : ndarray of int64, shape (n,)
-        Of the chunk's messages in order; offsets of their records in the uncompressed chunk.
+        Of all messages in order; offsets of their records in what the chunks hold uncompressed.
+    bases : sequence of int, optional
+        Where each chunk begins.
 
     Returns
     -------
-    list of (int, bytes)
-        Channel id and its entries, by id.
+    list of list of (int, bytes)
+        Of each chunk, channel id and its entries, by id.
     """
     # Of 16 bits, as ids are, since those are sorted by counting
     order = np.argsort(channel.astype(np.uint16), kind="stable")
@@ -86,9 +89,17 @@ def message_indexes(
     entries[:, 0] = log_time[order]
     entries[:, 1] = offset[order]
     counts = np.bincount(channel)
-    present = np.flatnonzero(counts)
-    parts = np.split(entries, np.cumsum(counts[present])[:-1])
-    return [(int(c), part.tobytes()) for c, part in zip(present, parts, strict=True)]
+    indexes: list[list[tuple[int, bytes]]] = [[] for _ in bases]
+    begin = 0
+    for number in np.flatnonzero(counts).tolist():
+        some = entries[begin : begin + counts[number]]
+        begin += counts[number]
+        edges = [*np.searchsorted(some[:, 1], bases).tolist(), len(some)]
+        for base, index, (first, last) in zip(bases, indexes, pairwise(edges), strict=True):
+            if first < last:
+                some[first:last, 1] -= base
+                index.append((number, some[first:last].tobytes()))
+    return indexes
 
 
 def pack(make: Callable[[], Sequence[RawBatch]], compression: str) -> list[Chunk]:
@@ -118,29 +129,34 @@ def pack(make: Callable[[], Sequence[RawBatch]], compression: str) -> list[Chunk
             piece.length,
         )
         begin = end
+    firsts = [0]
+    while True:
+        edge = int(np.searchsorted(ends, int(place[order[firsts[-1]]]) + CHUNK_SIZE, side="right"))
+        following = max(edge, firsts[-1] + 1)
+        if following >= len(order):
+            break
+        firsts.append(following)
+    times, place = log_time[order], place[order]
+    bases = place[firsts].tolist()
     channel = np.concatenate([p.channel for p in parts])[order]
-    times = log_time[order]
-    place = place[order]
-    chunks = []
-    first = 0
-    while first < len(order):
-        base = int(place[first])
-        last = int(np.searchsorted(ends, base + CHUNK_SIZE, side="right"))
-        last = max(last, first + 1)
-        rows = slice(first, last)
-        records = body[base : int(ends[last - 1])]
-        chunks.append(
-            _pack_one(records, channel[rows], times[rows], place[rows] - base, compression)
+    indexes = message_indexes(channel, times, place, bases)
+    return [
+        _pack_one(body[base:behind], times[first:last], index, compression)
+        for base, behind, first, last, index in zip(
+            bases,
+            [*bases[1:], len(body)],
+            firsts,
+            [*firsts[1:], len(order)],
+            indexes,
+            strict=True,
         )
-        first = last
-    return chunks
+    ]
 
 
 def _pack_one(
-    chunk: np.ndarray, channel: np.ndarray, times: np.ndarray, offset: np.ndarray, compression: str
+    chunk: np.ndarray, times: np.ndarray, indexes: list[tuple[int, bytes]], compression: str
 ) -> Chunk:
-    """Compress a chunk's records and make its indexes."""
-    indexes = message_indexes(channel, times, offset)
+    """Compress a chunk's records."""
     data = _compress(compression, chunk)
     name = compression.encode()
     start, end = int(times.min()), int(times.max())

@@ -106,8 +106,18 @@ class Rows:
         """NED vectors in the axes of the world frame."""
         return enu_to_ned(vectors_n) if self.frames.world == "enu" else vectors_n
 
-    def turned(self, covariance_n: np.ndarray) -> np.ndarray:
-        """NED covariances in the axes of the world frame."""
+    @cached_property
+    def turned_position(self) -> np.ndarray:
+        """Covariances of positions in the axes of the world frame."""
+        return self._turned(self.solution.covariance_position_n)
+
+    @cached_property
+    def turned_attitude(self) -> np.ndarray:
+        """Covariances of attitudes in the axes of the world frame."""
+        return self._turned(self.solution.covariance_attitude_n)
+
+    def _turned(self, covariance_n: np.ndarray | None) -> np.ndarray:
+        assert covariance_n is not None
         if self.frames.world != "enu":
             return covariance_n
         return enu_to_ned_covariance(covariance_n)
@@ -133,8 +143,7 @@ def _imu(r: Rows) -> Columns:
         "linear_acceleration.x": turn_body(r.solution.specific_force_b, r.frames.body_axes),
     }
     if r.solution.covariance_attitude_n is not None:
-        turned = r.turned(r.solution.covariance_attitude_n)
-        columns["orientation_covariance"] = turned.reshape(-1, 9)
+        columns["orientation_covariance"] = r.turned_attitude.reshape(-1, 9)
     return columns
 
 
@@ -182,15 +191,16 @@ def _odometry(r: Rows) -> Columns:
         "twist.twist.angular.x": turn_body(s.omega_ib_b, r.frames.body_axes),
     }
     if s.covariance_position_n is not None and s.covariance_attitude_n is not None:
-        pose = np.zeros((len(s), 6, 6))
-        pose[:, :3, :3] = r.turned(s.covariance_position_n)
-        pose[:, 3:, 3:] = r.turned(s.covariance_attitude_n)
-        columns["pose.covariance"] = pose.reshape(-1, 36)
+        columns |= _block("pose.covariance", 0, r.turned_position)
+        columns |= _block("pose.covariance", 3, r.turned_attitude)
     if s.covariance_velocity_n is not None:
-        twist = np.zeros((len(s), 6, 6))
-        twist[:, :3, :3] = r.in_body(s.covariance_velocity_n)
-        columns["twist.covariance"] = twist.reshape(-1, 36)
+        columns |= _block("twist.covariance", 0, r.in_body(s.covariance_velocity_n))
     return columns
+
+
+def _block(path: str, first: int, covariance: np.ndarray) -> Columns:
+    """Rows of a block of 3 x 3 on the diagonal of covariances of 6 x 6, which are 0 elsewhere."""
+    return {f"{path}[{7 * first + 6 * i}]": covariance[:, i] for i in range(3)}
 
 
 def _fix(r: Rows) -> Columns:
@@ -204,7 +214,8 @@ def _fix(r: Rows) -> Columns:
     }
     if s.covariance_position_n is not None:
         # always east, north, up in this message
-        turned = enu_to_ned_covariance(s.covariance_position_n)
+        enu = r.frames.world == "enu"
+        turned = r.turned_position if enu else enu_to_ned_covariance(s.covariance_position_n)
         columns["position_covariance"] = turned.reshape(-1, 9)
         columns["position_covariance_type"] = np.array(3)
     return columns

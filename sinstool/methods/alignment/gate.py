@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.order_statistics import median
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.inflight_types import GateLimits, ImuIncrements
 
@@ -103,7 +104,7 @@ def lift_off(motion: Dynamics) -> int | None:
     index = np.arange(len(above))
     begin = index - run_lengths(above) + 1
     time = motion.time_ns
-    step = np.median(np.diff(time)) if len(time) > 1 else 0.0
+    step = median(np.diff(time)) if len(time) > 1 else 0.0
     long = (time - time[np.minimum(begin, index)] + step) * 1e-9 >= LIFT_OFF_S - _TIME_SLACK
     first = np.flatnonzero(above & long)
     return int(begin[first[0]]) if len(first) else None
@@ -152,7 +153,7 @@ def why_no_start(motion: Dynamics, limits: GateLimits, lift_off_ns: int) -> str:
         return f"it ends {last:.1f} s after lift-off and the gate waits {limits.t_set1:g} s"
     after = motion.time_ns[late]
     every = np.diff(motion.time_ns)
-    step = float(np.median(every)) * 1e-9 if len(every) else 0.0
+    step = float(median(every)) * 1e-9 if len(every) else 0.0
     blocked = (~motion.within(limits)[:, late]).sum(axis=1) * step
     names = ("|f|", "change of f", "|omega|", "change of omega")
     parts = [f"{n} for {b:.1f} s" for n, b in zip(names, blocked, strict=True) if b > 0.0]
@@ -198,7 +199,7 @@ def looks_clipped(imu: ImuIncrements) -> str | None:
             break
         size = np.abs(values[1:]) / step
         top = size.max(axis=0)
-        usual = np.median(size, axis=0)
+        usual = median(size, axis=0)
         for axis in range(3):
             at_top = size[:, axis] >= top[axis] * (1.0 - 1e-6)
             if top[axis] > 10.0 * usual[axis] and run_lengths(at_top).max() >= 5:

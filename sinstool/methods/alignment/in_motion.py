@@ -14,6 +14,7 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
+from sinstool.core.order_statistics import median
 from sinstool.core.streams import GnssEpochs, Imu, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -413,7 +414,7 @@ def gnss_fixes(
         height = np.interp(seconds, at[high], placed.height[high])
     sigma = rows.sigma_velocity_n
     stated = np.isfinite(sigma).all(axis=1)
-    usual = float(np.median(sigma[stated])) if stated.any() else 0.0
+    usual = float(median(sigma[stated])) if stated.any() else 0.0
     sigma_v = None
     if usual > 0.0:
         sigma_v = np.where(stated, np.sqrt(np.mean(sigma**2, axis=1)), usual)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.order_statistics import median
 from sinstool.core.parts import kernel
 from sinstool.core.quaternion_kernels import cross, put
 from sinstool.core.rotation import to_dcm
@@ -70,7 +71,7 @@ def window_rows(time_s: FloatArray, window_s: float) -> int:
     """Fixes in a window, at least 1."""
     if len(time_s) < 2:
         return 1
-    return max(1, round(window_s / float(np.median(np.diff(time_s)))))
+    return max(1, round(window_s / float(median(np.diff(time_s)))))
 
 
 def integrated_pairs(

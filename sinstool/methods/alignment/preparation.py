@@ -8,6 +8,7 @@ import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
+from sinstool.core.order_statistics import median
 from sinstool.core.running_median import running_median
 from sinstool.core.timeline import GAP_INTERVALS
 from sinstool.methods.alignment.gate import dynamics, saturated
@@ -67,7 +68,7 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
     if len(imu) < 2:
         raise AlignmentError("there are no IMU samples to align with", "widen start and end")
     step = np.diff(imu.time_ns)
-    usual = float(np.median(step))
+    usual = float(median(step))
     missing = np.rint(step / usual) - 1
     longest = settings.max_gap_ns or GAP_INTERVALS * usual
     gaps = np.flatnonzero(step > min(MISSING * usual, longest))
@@ -209,7 +210,7 @@ def _span_s(time_ns: IntArray) -> float:
 
 
 def _usual_s(time_ns: IntArray) -> float:
-    return float(np.median(np.diff(time_ns))) * 1e-9 if len(time_ns) > 1 else 0.0
+    return float(median(np.diff(time_ns))) * 1e-9 if len(time_ns) > 1 else 0.0
 
 
 def gap_edges(time_s: FloatArray) -> tuple[IntArray, float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.order_statistics import median
 from sinstool.core.streams import take_rows
 from sinstool.methods.alignment import gate, preparation
 from sinstool.methods.alignment.accumulation import accumulate
@@ -131,7 +132,7 @@ def candidates(
         inside.height,
         inside.velocity_n,
         np.asarray(inside.sigma_v),
-        preparation.noise_level(np.asarray(inside.sigma_v), float(np.median(np.diff(rows.time_s)))),
+        preparation.noise_level(np.asarray(inside.sigma_v), float(median(np.diff(rows.time_s)))),
         restless[np.minimum(sample, len(restless) - 1)],
     )
     good = np.ones(len(rows), dtype=bool)
@@ -202,7 +203,7 @@ def _candidate(
         calm = segment.not_calm[length:] == segment.not_calm[:-length]
         begin = int(np.argmax(calm))
         segment, fixes = segment.take(slice(begin, None)), fixes.rows(slice(begin, None))
-    slack = 2.0 * float(np.median(np.diff(time_ns))) * 1e-9
+    slack = 2.0 * float(median(np.diff(time_ns))) * 1e-9
     span = float(segment.rows.time_s[-1] - segment.rows.time_s[0]) if len(segment) else 0.0
     if span < preparation.MIN_SPAN_S - slack:
         reasons.append(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from sinstool.core.earth import EARTH_RATE, SEMI_MAJOR_AXIS
+from sinstool.core.order_statistics import median
 from sinstool.core.running_median import running_median
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -143,15 +144,15 @@ def confirmed(
     looked = rows[:, MARKS].copy()
     sway = rows[:, SWAY_RATE]
     # the median sway: the last epochs of a rest may sway more as motion begins
-    usual = float(np.median(sway[still]))
+    usual = float(median(sway[still]))
     _drop_short_turns(rows, epochs.time_ns, still, sensors, usual)
-    quiet = min(np.median(sway[begin:end]) for begin, end in runs(still))
+    quiet = min(median(sway[begin:end]) for begin, end in runs(still))
     own = rows[:, OWN_RATE]
     sways = still & (sway > SWAYS * np.minimum(own, quiet))
     for begin, end in runs(still):
         slightly = max(SWAYS_SLIGHTLY, 1.0 + 3.0 * np.sqrt(2.0 / (3.0 * (end - begin))))
-        noise = float(np.median(own[begin:end]))
-        about = float(np.median(sway[begin:end]))
+        noise = float(median(own[begin:end]))
+        about = float(median(sway[begin:end]))
         sways[begin:end] |= about > max(slightly * noise, QUIET_RATE**2)
     rows[sways & (rows[:, REST] > MOVING), REST] = STEADY
     drop_lulls(rows)
@@ -227,7 +228,7 @@ def _drop_short_turns(
 ) -> None:
     """Mark short rests as moving where their rate is not that of the longest: a slow turn."""
     first, last = max(runs(still), key=lambda run: run[1] - run[0])
-    rate = rows[:, GYRO : GYRO + 3] - np.median(rows[first:last, GYRO : GYRO + 3], axis=0)
+    rate = rows[:, GYRO : GYRO + 3] - median(rows[first:last, GYRO : GYRO + 3], axis=0)
     at = time_ns[:-1]
     apart_s = np.maximum(np.maximum(at[first] - at, at - at[last - 1]), 0) / SECOND
     sway = sensors.zero_rate**2 + usual
@@ -309,11 +310,11 @@ def _agreeing(rows: np.ndarray, still: np.ndarray) -> np.ndarray:
     """Epochs whose rate and specific force are about those of most of the rests."""
     if not still.any():
         return still
-    rate = rows[:, GYRO : GYRO + 3] - np.median(rows[still, GYRO : GYRO + 3], axis=0)
+    rate = rows[:, GYRO : GYRO + 3] - median(rows[still, GYRO : GYRO + 3], axis=0)
     force = np.linalg.norm(rows[:, ACCEL : ACCEL + 3], axis=1)
     own = np.linalg.norm(np.sqrt(rows[:, GYRO_VARIANCE : GYRO_VARIANCE + 3]), axis=1)
     near = np.linalg.norm(rate, axis=1) < SAME_BIAS + own
-    return np.asarray(near & (np.abs(force - np.median(force[still])) < SAME_FORCE))
+    return np.asarray(near & (np.abs(force - median(force[still])) < SAME_FORCE))
 
 
 def runs(mask: np.ndarray) -> list[tuple[int, int]]:

@@ -8,6 +8,7 @@ from math import sqrt
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.order_statistics import median
 from sinstool.core.parts import kernel
 from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_dcm
@@ -300,8 +301,8 @@ def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
     """Size of gravity that the log shows, m/s^2: at rest, else the smoother's estimate."""
     if epochs.rest.any():
         force = epochs.values[epochs.rest, ACCEL : ACCEL + 3]
-        return float(np.median(np.linalg.norm(force, axis=1)))
-    excess = float(np.median(smoothed[:, state.G]))
+        return float(median(np.linalg.norm(force, axis=1)))
+    excess = float(median(smoothed[:, state.G]))
     return GRAVITY + min(max(excess, -LIKELY_EXCESS), LIKELY_EXCESS)
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sinstool.core.order_statistics import median
 from sinstool.core.rotation import to_dcm
 from sinstool.methods.attitude_smoother.epochs import (
     ACCEL_VARIANCE,
@@ -87,11 +88,11 @@ def with_steady(
     kinds = epochs.values[:, REST].copy()
     shake = epochs.values[:, ACCEL_VARIANCE : ACCEL_VARIANCE + 3].sum(axis=1)
     moving = shake[(kinds == MOVING) & ~epochs.gap]
-    calm = CALM * float(np.median(moving)) if len(moving) >= LULL else np.inf
+    calm = CALM * float(median(moving)) if len(moving) >= LULL else np.inf
     lull = np.zeros(len(kinds), np.bool_)
     for begin, end in runs(looks_at_rest):
         rest = begin + np.flatnonzero(kinds[begin:end] == AT_REST)
-        lull[rest] = len(rest) > 0 and float(np.median(shake[rest])) > calm
+        lull[rest] = len(rest) > 0 and float(median(shake[rest])) > calm
     doubted = looks_at_rest & ((kinds < AT_REST) | lull)
     long = any(end - begin >= LULL for begin, end in runs(doubted))
     if motion.c0 or not (long or lull.any()):

@@ -82,7 +82,7 @@ def diagnose(
     updates : UpdateColumns
         Of the filter, from the start on; a whole run, or enough minutes of one.
     fixes : GnssEpochs
-        All that the filter took.
+        All that the filter took, or those of these minutes.
     restarts : int, optional
     offsets : ReceiverOffsets, optional
         Latency and lever arm as the fixes show them.

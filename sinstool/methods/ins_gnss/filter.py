@@ -408,8 +408,8 @@ def _seconds(time_ns: IntArray, origin: int) -> FloatArray:
 
 def _columns(time_ns: IntArray, out: FloatArray) -> results.UpdateColumns:
     def block(number: int) -> FloatArray:
-        first = layout.O_COVARIANCE + 6 * number
-        return out[:, first : first + 6][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+        first = layout.O_COVARIANCE + 9 * number
+        return out[:, first : first + 9].reshape(-1, 3, 3)
 
     return results.UpdateColumns(
         time_ns,
@@ -449,7 +449,8 @@ def _stored(rows: FloatArray, n: int, origin: int) -> results.StoredEpochs:
     def columns(*shape: int) -> FloatArray:
         nonlocal at
         first, at = at, at + math.prod(shape)
-        return np.ascontiguousarray(rows[:, first:at]).reshape(-1, *shape)
+        # No copy: a smoother packs them
+        return rows[:, first:at].reshape(-1, *shape)
 
     correction, estimate = columns(n), columns(n)
     return results.StoredEpochs(

@@ -62,8 +62,8 @@ DIAGNOSTICS = 30
 O_RATE = NAV_SIZE
 O_FORCE = NAV_SIZE + 3
 O_CORRECTION = NAV_SIZE + 6
-O_COVARIANCE = NAV_SIZE + 7  # upper triangles of position, velocity, attitude
-OUTPUT = NAV_SIZE + 25
+O_COVARIANCE = NAV_SIZE + 7  # of position, velocity, attitude
+OUTPUT = NAV_SIZE + 34
 
 # --- a row for a smoother -----------------------------------------------------------------
 SENSORS = 14  # columns of StoredEpochs.sensors

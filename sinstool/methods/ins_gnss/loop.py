@@ -379,18 +379,13 @@ def run(
             doubt = m.doubt
             for block in range(3):
                 b = 3 * block
-                line[at] = doubt * m.p[b, b]
-                line[at + 1] = doubt * m.p[b, b + 1]
-                line[at + 2] = doubt * m.p[b, b + 2]
-                line[at + 3] = doubt * m.p[b + 1, b + 1]
-                line[at + 4] = doubt * m.p[b + 1, b + 2]
-                line[at + 5] = doubt * m.p[b + 2, b + 2]
-                if block < 2 and m.streak[0] > 1.0:
-                    # Fixes in a row are that far off: whichever of the two is wrong
-                    line[at] += m.rejected[b] ** 2
-                    line[at + 3] += m.rejected[b + 1] ** 2
-                    line[at + 5] += m.rejected[b + 2] ** 2
-                at += 6
+                for i in range(3):
+                    for j in range(3):
+                        line[at + 3 * i + j] = doubt * m.p[b + i, b + j]
+                    if block < 2 and m.streak[0] > 1.0:
+                        # Fixes in a row are that far off: whichever of the two is wrong
+                        line[at + 4 * i] += m.rejected[b + i] ** 2
+                at += 9
     counts[0] = fix_next
     counts[1] = baro_next
     counts[2] = first_fix

@@ -459,7 +459,8 @@ def _rows_of_fixes(
     turn = exp(updates.omega_ib_b[1:] * interval[1:, None])
     c_nb = to_dcm(np.concatenate([updates.q_nb[:1], multiply(before[1:], turn)]))
     arm = np.asarray(run.settings.lever_arm_b)
-    swing = (c_nb @ skew(updates.omega_ib_b)) @ arm
+    # The rate times the arm, as a row
+    swing = np.einsum("kij,kj->ki", c_nb, updates.omega_ib_b @ skew(arm))
     free = swing + inertial_velocity(
         normalise(before * sign + updates.q_nb),
         updates.specific_force_b * interval[:, None],

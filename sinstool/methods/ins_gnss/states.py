@@ -43,6 +43,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -122,7 +123,7 @@ class FilterKind:
     correction_row: bool = False
     baro_row: bool = False
 
-    @property
+    @cached_property
     def states(self) -> IntArray:
         """Indices, among the 35, of its states in its own order; shape (n,)."""
         return np.concatenate([np.arange(b, b + _BLOCKS[b]) for b in self.blocks])
@@ -157,10 +158,11 @@ class FilterKind:
         block : int
             POSITION, ..., LAND_VEHICLE.
         """
-        places = np.flatnonzero(self.states == block)
-        return int(places[0]) if len(places) else -1
+        if block not in self.blocks:
+            return -1
+        return sum(_BLOCKS[b] for b in self.blocks[: self.blocks.index(block)])
 
-    @property
+    @cached_property
     def index(self) -> IntArray:
         """Indices for compiled code; see the numbers ``I_...`` of this module.
 

@@ -18,7 +18,17 @@ from math import ceil
 
 import numpy as np
 
-from sinstool.core.rotation import exp, log, multiply, rotate
+from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.parts import kernel
+from sinstool.core.quaternion_kernels import (
+    EXACT,
+    cross,
+    increment_quaternion,
+    product,
+    put,
+    row,
+    to_rotation_vector,
+)
 from sinstool.core.timeline import SECOND
 from sinstool.methods.strapdown.velocity import Increments
 
@@ -50,18 +60,48 @@ def joined_updates(increments: Increments, below_s: float) -> Increments:
     runs = np.flatnonzero(np.concatenate([[True], waited > 0.5 * usual, [True]]))
     first = np.concatenate([np.arange(begin, end, most) for begin, end in pairwise(runs)])
     count = np.diff(first, append=len(time_ns))
-    q = exp(increments.rotation_vector[first])
-    velocity = increments.velocity_increment[first]
-    for k in range(1, most):
-        here = np.flatnonzero(count > k)
-        at = first[here] + k
-        velocity[here] += rotate(q[here], increments.velocity_increment[at])
-        q[here] = multiply(q[here], exp(increments.rotation_vector[at]))
+    turned, velocity = np.empty((len(first), 3)), np.empty((len(first), 3))
+    _join(
+        first,
+        count,
+        np.ascontiguousarray(increments.rotation_vector),
+        np.ascontiguousarray(increments.velocity_increment),
+        turned,
+        velocity,
+    )
     last = first + count - 1
     return Increments(
         increments.sample[last],
         time_ns[last],
         np.add.reduceat(interval, first),
-        log(q),
+        turned,
         velocity,
     )
+
+
+@kernel()
+def _join(
+    first: IntArray,
+    count: IntArray,
+    phi: FloatArray,
+    u: FloatArray,
+    turned: FloatArray,
+    velocity: FloatArray,
+) -> None:
+    """Set rotation vectors and velocity increments over so many updates from each first one on."""
+    for i in range(len(first)):
+        w, x, y, z = 1.0, 0.0, 0.0, 0.0
+        vx, vy, vz = 0.0, 0.0, 0.0
+        for k in range(first[i], first[i] + count[i]):
+            # v + 2 w (q x v) + 2 q x (q x v), as `rotation.rotate` has it
+            ux, uy, uz = row(u, k)
+            ax, ay, az = cross(x, y, z, ux, uy, uz)
+            bx, by, bz = cross(x, y, z, ax, ay, az)
+            vx += ux + 2.0 * (w * ax + bx)
+            vy += uy + 2.0 * (w * ay + by)
+            vz += uz + 2.0 * (w * az + bz)
+            px, py, pz = row(phi, k)
+            qw, qx, qy, qz = increment_quaternion(px, py, pz, EXACT)
+            w, x, y, z = product(w, x, y, z, qw, qx, qy, qz)
+        to_rotation_vector(w, x, y, z, turned, i)
+        put(velocity, i, vx, vy, vz)

@@ -12,6 +12,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.earth import normal_gravity
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.memory import give_back
+from sinstool.core.order_statistics import median, quantile
 from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.threads import executor
 from sinstool.core.timeline import SECOND
@@ -197,7 +198,7 @@ class Smoothing:
         if gnss is None or not gnss.has_velocity.any():
             return None
         speeds = np.linalg.norm(gnss.velocity_n[gnss.has_velocity, :2], axis=1)
-        return float(np.quantile(speeds, 0.95))
+        return float(quantile(speeds, 0.95))
 
     def _understood(self, seen: Epochs) -> tuple[Epochs, Motion, SensorModel, Prior]:
         """The epochs with rest marked, the kind of motion, and what is known of the sensors.
@@ -291,7 +292,7 @@ class Smoothing:
             acceleration_density_m_s2_sqrt_hz=motion.model.density,
             rest_s=float(seconds[epochs.at_rest].sum()),
             gyro_at_stop_s=float(stopped.sum()),
-            tilt_sigma_deg=float(np.median(tilt)) / DEGREE,
+            tilt_sigma_deg=float(median(tilt)) / DEGREE,
             tilt_sigma_largest_deg=float(tilt.max()) / DEGREE,
             heading_sigma_end_deg=float(heading[-1]) / DEGREE,
             accel_bias_m_s2=None if accel_bias is None else tuple(accel_bias.tolist()),

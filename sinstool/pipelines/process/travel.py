@@ -10,6 +10,7 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
+from sinstool.core.order_statistics import median
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
@@ -100,7 +101,7 @@ def find_outages(epochs: Sequence[GnssDiagnostics]) -> Outages:
     steps = np.diff(np.concatenate([np.empty(0, np.int64), *used])) / SECOND
     if not len(steps):
         return Outages(0, 0.0, 0.0)
-    long = steps[steps > max(MISSED * float(np.median(steps)), LEAST_OUTAGE_S)]
+    long = steps[steps > max(MISSED * float(median(steps)), LEAST_OUTAGE_S)]
     return Outages(len(long), float(long.sum()), float(long.max(initial=0.0)))
 
 
@@ -186,4 +187,4 @@ class Odometer:
 
 
 def _spread(values: FloatArray) -> Spread:
-    return Spread(float(np.median(values)), float(values.max()))
+    return Spread(float(median(values)), float(values.max()))

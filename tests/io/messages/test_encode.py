@@ -88,3 +88,14 @@ def test_values_that_would_run_into_other_fields_are_refused():
         encoder.encode({"position_covariance": np.zeros((2, 10))}, 2)
     with pytest.raises(LayoutError, match="no field speed"):
         encoder.encode({"speed": np.zeros(2)}, 2)
+
+
+def test_elements_of_an_array_lie_where_they_are_named():
+    encoder = Encoder("nav_msgs/msg/Odometry", "cdr")
+    whole = np.arange(72.0).reshape(2, 36)
+    rows = {f"pose.covariance[{6 * k}]": whole[:, 6 * k : 6 * k + 6] for k in range(6)}
+    expected = encoder.encode({"pose.covariance": whole}, 2)
+    np.testing.assert_array_equal(encoder.encode(rows, 2), expected)
+    for path in ("pose.covariance[36]", "pose.covariance[-1]", "pose.covariance[x]", "pose[0]"):
+        with pytest.raises(LayoutError, match="no field"):
+            encoder.encode({path: whole[:, :1]}, 2)

@@ -12,6 +12,7 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.result import compass
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import GnssEpochs
+from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.pressure import HeightReference
 from sinstool.methods.ins_gnss.receiver_offsets import LATENCY_S, ReceiverOffsets
@@ -86,6 +87,13 @@ class FilterStart:
     def used(self) -> GnssEpochs:
         """Epochs that are not withheld."""
         return self.gnss.rows(~self.withheld)
+
+    def used_until(self, time_ns: int) -> GnssEpochs:
+        """Those that are valid up to a time, for runs that end there."""
+        late = round(self.settings.gnss_latency * SECOND)
+        return self.used.rows(
+            slice(0, int(np.searchsorted(self.used.time_ns, time_ns + late, "right")))
+        )
 
     def with_slow_position(self, level: float, vertical: float, why: str) -> FilterStart:
         """The same start with slow errors of positions that are so many times as large.

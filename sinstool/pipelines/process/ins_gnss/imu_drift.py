@@ -16,19 +16,20 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.chi_square import upper_point
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import wrapped
-from sinstool.core.streams import concatenate, take_rows
+from sinstool.core.streams import GnssEpochs, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -37,11 +38,11 @@ from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.land_vehicle.shaking import Shaking, find_shaking
 from sinstool.methods.land_vehicle.track import MeansStage
 from sinstool.methods.sensor_errors import SensorGrade
-from sinstool.methods.strapdown.joined_updates import joined_updates
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.likeliest_noise import MOST_SQUARE, cost, likeliest
 from sinstool.survey.grade import random_walks
-from sinstool.survey.increments import SegmentIncrements
+from sinstool.survey.increments import first_increments
 from sinstool.survey.source import Source
 
 # So much of a log shows it.
@@ -59,19 +60,16 @@ LEAST_WINDOWS = 4
 LEAST_WAY, LEAST_WAY_SIGMAS = 10.0, 6.0
 # One in each of whose parts they do shows no rest at all; so many of these are enough.
 PARTS, LEAST_DRIVEN = 10, 6
-# Squares of unit normals hardly ever exceed this; and the scatter of their sum.
-MOST_SQUARE = 50.0
+# The scatter of a sum of squares of unit normals.
 CHANCE = 0.01
 # The median of the sum of two squares of unit normals, over its mean.
 MEDIAN_OF_MEAN = float(np.log(2.0))
-# Prior of a factor: standard deviation of its logarithm; the mean of its square is 1.
-PRIOR_SIGMA = 1.0
-# Factors nearer to 1 than this are none; those that are tried, of gyros, accelerometers and scale
-# factors, as powers of 2.
+# Factors nearer to 1 than this are none.
 LEAST_CHANGE = 1.3
-LEAST_POWERS, MOST_POWERS = np.full(3, -4), np.full(3, 3)
 # Sensors that are noisier than so many times a grade are not of it.
 MOST_BETTER = 8.0
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -138,12 +136,15 @@ class _Windows:
         Whether the vehicle went anywhere.
     restarts : int
         How often the filter began anew.
+    times_ns : tuple of ndarray of int64, shape (w, looks)
+        Of each run.
     """
 
     error: FloatArray
     sigma: FloatArray
     moved: BoolArray
     restarts: int
+    times_ns: tuple[IntArray, ...] = ()
 
     @property
     def ratio(self) -> float:
@@ -174,37 +175,23 @@ class _Windows:
             together = np.nan_to_num(np.corrcoef(columns.T), nan=1.0)
         return float(np.clip(len(LOOKS) ** 2 / together.sum(), 1.0, len(LOOKS)))
 
-    @property
-    def cost(self) -> float:
-        """-2 log likelihood of the windows in motion, each look counted as one."""
-        error, sigma = self.error[self.moved], self.sigma[self.moved]
-        square = np.minimum((error / sigma) ** 2, MOST_SQUARE)
-        return float(np.nansum(square + 2.0 * np.log(sigma)))
-
 
 def shown_increments(
-    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    below_s: float | None = JOINED_S,
 ) -> Increments | None:
     """Increments of the first minutes from a start on, up to a long gap; None without any.
 
-    All at once, as each run over them is prepared for longer than it takes per block, and joined.
+    Parameters
+    ----------
+    below_s : float or None
+        They are joined as long as they stay shorter, s.
     """
-    shown = _shown(source, config, algorithm, start)
-    return None if shown is None else joined_updates(shown, JOINED_S)
-
-
-def _shown(
-    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
-) -> Increments | None:
-    parts: list[Increments] = []
-    last_ns = start.time_ns
-    steps = SegmentIncrements(source, config, algorithm)
-    for increments, _, _ in steps.from_time(start.time_ns, start.time_ns + SHOWN_NS):
-        if int(increments.time_ns[0]) - last_ns > round(start.settings.max_gap * SECOND):
-            break
-        last_ns = int(increments.time_ns[-1])
-        parts.append(increments)
-    return concatenate(parts) if parts else None
+    gap_ns = round(start.settings.max_gap * SECOND)
+    return first_increments(source, config, algorithm, start.time_ns, SHOWN_NS, gap_ns, below_s)
 
 
 class Drift:
@@ -224,15 +211,9 @@ class Drift:
         self._measured = config.navigation.imu_noise is not None
         self._least = _of_rest(source, start)
         self._shaken = _shaken_at_rest(source, start)
-        self._increments, self._shaking = None, None
-        shown = _shown(source, config, algorithm, start)
-        if shown is not None:
-            self._increments = joined_updates(shown, JOINED_S)
-            self._shaking = _shaking(shown, start)
-
-    @cached_property
-    def _as_graded(self) -> _Windows | None:
-        return self._windows(self._start.settings)
+        shown = shown_increments(source, config, algorithm, start, None)
+        self._increments = shown_increments(source, config, algorithm, start)
+        self._shaking = None if shown is None else _shaking(shown, start)
 
     @property
     def ratio(self) -> float:
@@ -250,7 +231,7 @@ class Drift:
         windows = self._as_graded
         if windows is None or windows.restarts or windows.moved.sum() < LEAST_WINDOWS:
             return NoiseFactors(self.ratio, self.ratio)
-        gyro, accel, scale = _likeliest(self._cost)
+        gyro, accel, scale = likeliest(self._errors, self._weight)
         gyro, accel = np.maximum((gyro, accel), self._least).tolist()
         scale = scale if scale > LEAST_CHANGE else 1.0
         if max(gyro, accel) > LEAST_CHANGE or self._measured:
@@ -264,59 +245,104 @@ class Drift:
         better = self._estimated and max(factors.gyro, factors.accel) < 1.0
         return factors.of(self._start.settings, not better)
 
-    def gain(self, factors: NoiseFactors, imu: SensorGrade) -> float:
+    def gains(self, factors: NoiseFactors, others: Mapping[T, SensorGrade]) -> dict[T, float]:
         """Twice the log of how much likelier the drift is with other sensors that are as noisy.
 
         Parameters
         ----------
         factors : NoiseFactors
             With which those of the settings are as noisy as they seem to be.
-        imu : SensorGrade
+        others : mapping to SensorGrade
             The other sensors. Their scale factors, angles and correlation times count; their white
             noise becomes that of `factors`, and the bias instability changes with it.
 
         Returns
         -------
-        float
+        dict
             Minus infinity where gyros are too noisy to be those.
         """
-        used = factors.of(self._start.settings, not self._estimated)
-        gyro = used.imu.angle_random_walk / imu.angle_random_walk
-        if gyro > MOST_BETTER:
-            return -np.inf
-        accel = used.imu.velocity_random_walk / imu.velocity_random_walk
-        other = NoiseFactors(gyro, accel).of(replace(used, imu=imu), not self._estimated)
-        return self._cost_of(used) - self._cost_of(other)
+        used, virtual = factors.of(self._start.settings, not self._estimated), not self._estimated
+        gains = dict.fromkeys(others, -np.inf)
+        least = None
+        for name, imu in others.items():
+            gyro = used.imu.angle_random_walk / imu.angle_random_walk
+            if gyro > MOST_BETTER:
+                continue
+            least = self._cost(used) if least is None else least
+            accel = used.imu.velocity_random_walk / imu.velocity_random_walk
+            other = NoiseFactors(gyro, accel).of(replace(used, imu=imu), virtual)
+            gains[name] = least - self._cost(other)
+        return gains
 
-    def _cost(self, gyro: float, accel: float, scale: float) -> float:
-        factors = NoiseFactors(gyro, accel, scale)
-        return self._cost_of(factors.of(self._start.settings, not self._estimated))
-
-    def _cost_of(self, settings: Settings) -> float:
-        windows = self._windows(settings)
-        if windows is None or self._as_graded is None:
+    def _cost(self, settings: Settings) -> float:
+        if self._as_graded is None:
             return np.inf
-        return windows.cost * self._as_graded.looks / len(LOOKS)
+        return self._weight * cost(*self._looked(settings))
 
-    def _windows(self, settings: Settings) -> _Windows | None:
-        """Both runs, by turns with fixes and without and the other way round."""
-        start = self._start
-        if self._increments is None:
-            return None
-        gnss, settings = start.used, replace(settings, network=None)
-        shaken = None if self._shaking is None else self._shaking.constraints(settings.imu)
-        step = np.diff(gnss.time_ns, prepend=start.time_ns) / SECOND
+    @property
+    def _weight(self) -> float:
+        return 1.0 if self._as_graded is None else self._as_graded.looks / len(LOOKS)
+
+    def _errors(self, gyro: float, accel: float, scale: float) -> tuple[FloatArray, FloatArray]:
+        factors = NoiseFactors(gyro, accel, scale)
+        return self._looked(factors.of(self._start.settings, not self._estimated))
+
+    @cached_property
+    def _gnss(self) -> GnssEpochs:
+        """Fixes of the time that is looked at."""
+        assert self._increments is not None
+        return self._start.used_until(int(self._increments.time_ns[-1]))
+
+    @cached_property
+    def _left_out(self) -> tuple[BoolArray, BoolArray]:
+        """Fixes that either run leaves out, by turns: with fixes and without, and the other way."""
+        step = np.diff(self._gnss.time_ns, prepend=self._start.time_ns) / SECOND
         # Time with fixes: an outage of the log itself is none of ours
         used = np.cumsum(np.minimum(step, LONGEST_STEP_S))
-        errors, sigmas, moved, restarts = [], [], [], 0
-        for phase in (0.0, LEFT_OUT_S):
-            left_out = (used > SETTLED_S) & ((used + phase) % (2.0 * LEFT_OUT_S) >= LEFT_OUT_S)
-            run = InsGnssFilter(
-                start.start, settings, with_baro=False, output=False, constraints=shaken
-            )
-            epochs = run.push(self._increments, gnss, left_out).gnss
-            epochs = take_rows(epochs, np.isfinite(epochs.innovation[:, 1]))
-            restarts += run.summary.restarts
+        first, second = (
+            (used > SETTLED_S) & ((used + phase) % (2.0 * LEFT_OUT_S) >= LEFT_OUT_S)
+            for phase in (0.0, LEFT_OUT_S)
+        )
+        return first, second
+
+    def _run(
+        self, settings: Settings, gnss: GnssEpochs, left_out: BoolArray
+    ) -> tuple[GnssDiagnostics, int]:
+        """Epochs with a position, used or compared, and how often the filter began anew."""
+        assert self._increments is not None
+        settings = replace(settings, network=None)
+        shaken = None if self._shaking is None else self._shaking.constraints(settings.imu)
+        run = InsGnssFilter(
+            self._start.start, settings, with_baro=False, output=False, constraints=shaken
+        )
+        epochs = run.push(self._increments, gnss, left_out).gnss
+        return take_rows(epochs, np.isfinite(epochs.innovation[:, 1])), run.summary.restarts
+
+    def _looked(self, settings: Settings) -> tuple[FloatArray, FloatArray]:
+        """Errors of all looks of the windows in motion, and their sigmas."""
+        windows, gnss = self._as_graded, self._gnss
+        assert windows is not None
+        late = round(settings.gnss_latency * SECOND)
+        errors, sigmas = [], []
+        for left_out, times_ns in zip(self._left_out, windows.times_ns, strict=True):
+            # What is left out and not looked at changes nothing
+            rows = ~left_out | np.isin(gnss.time_ns - late, times_ns)
+            epochs, _ = self._run(settings, gnss.rows(rows), left_out[rows])
+            at = np.minimum(np.searchsorted(epochs.time_ns, times_ns), len(epochs) - 1)
+            there = (epochs.time_ns[at] == times_ns)[:, :, None]
+            errors.append(np.where(there, epochs.innovation[at, :3], np.nan))
+            sigmas.append(epochs.innovation_sigma[at, :3])
+        return np.concatenate(errors)[windows.moved], np.concatenate(sigmas)[windows.moved]
+
+    @cached_property
+    def _as_graded(self) -> _Windows | None:
+        """Windows with the settings of the start; None without a log."""
+        if self._increments is None:
+            return None
+        errors, sigmas, moved, times, restarts = [], [], [], [], 0
+        for left_out in self._left_out:
+            epochs, begun = self._run(self._start.settings, self._gnss, left_out)
+            restarts += begun
             begin, end = _spans(epochs.withheld)
             share = epochs.time_ns[end] - epochs.time_ns[begin]
             looks = [
@@ -326,9 +352,14 @@ class Drift:
             at = np.minimum(np.stack(looks, axis=1), end[:, None])
             errors.append(epochs.innovation[at, :3])
             sigmas.append(epochs.innovation_sigma[at, :3])
+            times.append(epochs.time_ns[at])
             moved.append(self._moved(epochs, begin, end))
         return _Windows(
-            np.concatenate(errors), np.concatenate(sigmas), np.concatenate(moved), restarts
+            np.concatenate(errors),
+            np.concatenate(sigmas),
+            np.concatenate(moved),
+            restarts,
+            tuple(times),
         )
 
     def _moved(self, epochs: GnssDiagnostics, begin: np.ndarray, end: np.ndarray) -> BoolArray:
@@ -398,54 +429,3 @@ def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:
     edge = np.diff(mask.astype(np.int8), prepend=0)
     begin, end = np.flatnonzero(edge > 0), np.flatnonzero(edge < 0) - 1
     return begin[: len(end)], end
-
-
-def _lowest(
-    total: Callable[[np.ndarray], float], powers: np.ndarray, way: np.ndarray
-) -> np.ndarray:
-    """Powers from where a further step the same way leads no lower, or out of bounds."""
-    while True:
-        ahead = np.clip(powers + way, LEAST_POWERS, MOST_POWERS)
-        if not total(ahead) < total(powers):
-            return powers
-        powers = ahead
-
-
-def _likeliest(cost: Callable[[float, float, float], float]) -> tuple[float, float, float]:
-    """Root mean squares of the factors under the posterior of a cost and the prior."""
-    costs: dict[tuple[int, ...], float] = {}
-
-    def total(powers: np.ndarray) -> float:
-        at = tuple(powers.tolist())
-        if at not in costs:
-            prior = np.sum(((np.log(2.0) * powers + PRIOR_SIGMA**2) / PRIOR_SIGMA) ** 2)
-            costs[at] = cost(*(2.0**powers).tolist()) + float(prior)
-        return costs[at]
-
-    axes = np.eye(len(LEAST_POWERS), dtype=int)
-    best = np.zeros(len(axes), int)
-    for step in (2, 1):
-        before = None
-        # In steps of 2 once around, to be near; in those of 1 until none leads lower
-        while before is None or (step == 1 and (best != before).any()):
-            before = best
-            for way in step * axes:
-                best = _lowest(total, _lowest(total, best, way), -way)
-    # A paraboloid through the points about the best, as good as any between them
-    middle = np.clip(best, LEAST_POWERS + 1, MOST_POWERS - 1)
-    ahead, behind = ([total(middle + sign * axis) for axis in axes] for sign in (1, -1))
-    slope = 0.5 * np.subtract(ahead, behind)
-    bend = np.diag(np.add(ahead, behind) - 2.0 * total(middle))
-    for i, j in zip(*np.triu_indices(len(axes), 1), strict=True):
-        both = total(middle + axes[i] + axes[j]) + total(middle - axes[i] - axes[j])
-        apart = total(middle + axes[i] - axes[j]) + total(middle - axes[i] + axes[j])
-        bend[i, j] = bend[j, i] = 0.25 * (both - apart)
-    # What the drift says is never less than nothing: the prior's own curvature remains
-    values, vectors = np.linalg.eigh(bend)
-    values = np.maximum(values, 2.0 * (np.log(2.0) / PRIOR_SIGMA) ** 2)
-    inverse = (vectors / values) @ vectors.T
-    powers = middle + np.clip(-inverse @ slope, -1.0, 1.0)
-    # The root of the mean of a square whose logarithm is that uncertain
-    powers = powers + 2.0 * np.log(2.0) * np.diag(inverse)
-    gyro, accel, scale = 2.0 ** np.clip(powers, LEAST_POWERS, MOST_POWERS)
-    return float(gyro), float(accel), float(scale)

@@ -303,7 +303,8 @@ class FilterRun(Mode):
         events = Counter(event.kind for event in events_of(self._stretches))
         restarts = events["restart"] + events["covariance-lost"]
         updates = concatenate(self._first) if not restarts else self._plain_first()
-        findings = diagnose(p.start, updates, gnss, p.used, p.settings, restarts, p.offsets)
+        fixes = p.used_until(int(updates.time_ns[-1]))
+        findings = diagnose(p.start, updates, gnss, fixes, p.settings, restarts, p.offsets)
         return [self._completed(f) for f in findings if self._matters(f)]
 
     def _plain_first(self) -> UpdateColumns:

@@ -102,7 +102,7 @@ def _cost(increments: Increments, start: FilterStart) -> float:
     """-2 log likelihood of the innovations; infinite with too few."""
     settings = replace(start.settings, network=None)
     run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
-    epochs = run.push(increments, start.used).gnss
+    epochs = run.push(increments, start.used_until(int(increments.time_ns[-1]))).gnss
     epochs = take_rows(epochs, np.isfinite(epochs.nis))
     if len(epochs) < LEAST_EPOCHS:
         return np.inf

@@ -65,7 +65,10 @@ FIRST_LATENCIES = (0.0, 0.15, -0.15)
 
 
 def first_start(
-    source: Source, config: ProcessConfig, grade: ImuGrade | None = None
+    source: Source,
+    config: ProcessConfig,
+    grade: ImuGrade | None = None,
+    lag: float | None = None,
 ) -> FilterStart:
     """Settings, start and measurements of a filter run, with the configured latency or zero.
 
@@ -73,6 +76,9 @@ def first_start(
     ----------
     grade : ImuGrade, optional
         Instead of the one that the log shows at rest.
+    lag : float, optional
+        By which velocities are taken to be stamped later than positions, s, where that has been
+        found out already.
 
     Raises
     ------
@@ -99,7 +105,8 @@ def first_start(
     model, gnss_why = gnss_model(gnss, config)
     reference, remarks = barometer(source, config)
     settings = filter_settings(source, config, grade, model, reference)
-    lag = config.filter.gnss_velocity_lag
+    if lag is None:
+        lag = config.filter.gnss_velocity_lag
     if lag is None:
         lag = significant_lag(gnss)
     epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
@@ -166,6 +173,7 @@ def timed_start(
     if imu_stated(config):
         drift = Drift(source, config, algorithm, _by_the_fixes(start))
         start = replace(start, drifts=drift.ratio)
+    source.samples.made.clear()
     if start.latency_status == "not settled":
         warning = (
             f"the latency of GNSS did not settle: {1e3 * start.settings.gnss_latency:.0f} ms is"
@@ -277,7 +285,7 @@ def _fitted(
                 " what was expected"
             )
         try:
-            first = first_start(source, config, ImuGrade(worse, why))
+            first = first_start(source, config, ImuGrade(worse, why), start.lag)
         except AlignmentError:
             break
         other = _timed(source, config, algorithm, first)
@@ -301,9 +309,8 @@ def _drifting(
         # Noise at rest says nothing of biases and scale factors
         why = f"as a {start.grade.grade} one drifts {drift.ratio:.2g} times too much without fixes"
         try:
-            other = _timed(
-                source, config, algorithm, first_start(source, config, ImuGrade(worse, why))
-            )
+            first = first_start(source, config, ImuGrade(worse, why), start.lag)
+            other = _timed(source, config, algorithm, first)
         except AlignmentError:
             other = start
         less = Drift(source, config, algorithm, _by_the_fixes(other))
@@ -315,7 +322,7 @@ def _drifting(
         try:
             why, before = "by its drift without fixes", start.grade.grade
             judged = ImuGrade(better, why, by_drift=True, aligned_as=before)
-            first = first_start(source, config, judged)
+            first = first_start(source, config, judged, start.lag)
             start = _timed(source, config, algorithm, first)
             drift = Drift(source, config, algorithm, _by_the_fixes(start))
             factors = drift.factors()
@@ -347,10 +354,8 @@ def _better(
         return None
     order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
     scales = has_scales(config)
-    gains = {
-        other: drift.gain(factors, imu_noise(config, other, scales))
-        for other in order[order.index(grade) + 1 :]
-    }
+    others = order[order.index(grade) + 1 :]
+    gains = drift.gains(factors, {other: imu_noise(config, other, scales) for other in others})
     best = max(gains, key=lambda other: gains[other], default=None)
     return best if best is not None and gains[best] > LEAST_GAIN else None
 

@@ -18,7 +18,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
-from sinstool.core.streams import GnssEpochs, concatenate
+from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -27,7 +27,7 @@ from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.survey.increments import SegmentIncrements
+from sinstool.survey.increments import first_increments
 from sinstool.survey.source import Source
 
 # Latency is looked for in the first part of a log.
@@ -91,13 +91,13 @@ def with_offsets(
         except AlignmentError:  # with the fixes moved so far no start is seen
             return None
         motion = motion_from(source, config, algorithm, start.time_ns)
-        if not motion:
+        if motion is None:
             return None
         settings, fixes = start.settings, start.used
         if not gated:
             settings = replace(settings, control=replace(settings.control, gate_probability=1.0))
             fixes = fixes.rows(~outlying(fixes))
-        shown = estimate_offsets(start.start, settings, motion, fixes, assumed_b)
+        shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b)
         if shown is not None and not gated:
             tried.append((latency, shown))
         return shown
@@ -150,10 +150,12 @@ def _likeliest_latency(
     motion = motion_from(source, config, algorithm, first.time_ns)
     fixes = first.used.rows(~outlying(first.used))
     control = replace(first.settings.control, gate_probability=1.0)
+    if motion is None:
+        return first.settings.gnss_latency
 
     def misfit(latency: float) -> float:
         settings = replace(first.settings, control=control, gnss_latency=latency)
-        shown = estimate_offsets(first.start, settings, motion, fixes)
+        shown = estimate_offsets(first.start, settings, [motion], fixes)
         return np.inf if shown is None else shown.misfit
 
     best = min(LATENCIES.tolist(), key=misfit)
@@ -162,18 +164,12 @@ def _likeliest_latency(
 
 def motion_from(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start_ns: int
-) -> list[Increments]:
-    """Increments of the log's first part from a start on, up to a gap."""
-    parts: list[Increments] = []
-    steps = SegmentIncrements(source, config, algorithm)
-    for increments, _, opening in steps.from_time(start_ns, start_ns + FIRST_NS):
-        # what a filter does in a gap is not what correlations are made of
-        away = int(increments.time_ns[0] - parts[-1].time_ns[-1]) if parts else 0
-        if opening is not None and away > GAP_NS:
-            break
-        parts.append(increments)
-    # What is made of it must not depend on where a reader's blocks end
-    return [concatenate(parts)] if parts else []
+) -> Increments | None:
+    """Increments of the log's first part from a start on, up to a gap; None without any.
+
+    What a filter does in a gap is not what correlations are made of.
+    """
+    return first_increments(source, config, algorithm, start_ns, FIRST_NS, GAP_NS)
 
 
 @dataclass(frozen=True)
@@ -201,16 +197,11 @@ def white_noise(
     to be worse than usual show nothing of what it says of the others.
     """
     gnss = start.used.rows(~worse_than_usual(start.used))
-    parts = motion_from(source, config, algorithm, start.time_ns)
-    if not parts or len(gnss) < LEAST_EPOCHS:
+    motion = motion_from(source, config, algorithm, start.time_ns)
+    if motion is None or len(gnss) < LEAST_EPOCHS:
         return None
     run = InsGnssFilter(start.start, _loose(start.settings), with_baro=False, output=False)
-    fixes: GnssEpochs | None = _unsized(gnss)
-    rows = []
-    for part in parts:
-        rows.append(run.push(part, fixes).gnss)
-        fixes = None
-    epochs = concatenate(rows)
+    epochs = run.push(motion, _unsized(gnss)).gnss
     position = _scatter(epochs.time_ns, epochs.innovation[:, :3])
     return WhiteNoise(position, _scatter(epochs.time_ns, epochs.innovation[:, 3:]))
 

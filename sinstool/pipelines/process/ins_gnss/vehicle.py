@@ -28,13 +28,18 @@ from sinstool.methods.land_vehicle.shaking import beyond, find_shaking
 from sinstool.methods.land_vehicle.track import Means, MeansStage, Track
 from sinstool.methods.land_vehicle.trust import Trust, find_trust
 from sinstool.methods.land_vehicle.wander import AS_STATED, Wander, find_wander
+from sinstool.methods.strapdown.joined_updates import joined_updates
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z, V_DOWN, V_NORTH
+from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.wheels import WheelsUsed, use_wheels
 from sinstool.pipelines.process.vehicle_used import LandVehicleUsed, VehicleUsed, WheelSpeedUsed
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
+# A track without constraints is compared with steps of `STEP_NS`: its updates are joined as long as
+# they stay shorter than this, s.
+JOINED_S = 0.1
 # Rests shorter than this in all, s, are none.
 LEAST_REST_S = 1.0
 # A rest with which a filter begins shows within so many steps of its start.
@@ -247,12 +252,12 @@ def find_vehicle(
     options = config.filter
     if options.feedback == "none":
         return VehicleAssumptions(reason="as --feedback is none")
-    means = _means(source, config, algorithm, start, longest_gap_s)
+    means, joined = _means(source, config, algorithm, start, longest_gap_s)
     latency_ns = round(start.settings.gnss_latency * SECOND)
     shaken = find_shaking(means, start.used, latency_ns).constraints(start.settings.imu)
     if options.vehicle == "none":
         return VehicleAssumptions(shaken)
-    track = _unconstrained(source, config, algorithm, start, means, shaken)
+    track = _unconstrained(joined, start, shaken)
     if track is None:
         return VehicleAssumptions(shaken, reason="as there is too little of a log")
     rests = find_rests(means, track)
@@ -339,27 +344,23 @@ def _means(
     algorithm: ConingAlgorithm,
     start: FilterStart,
     longest_gap_s: float,
-) -> Means:
-    """Short means of the IMU from a start on, up to a gap that is longer."""
-    stage, last_ns = MeansStage(start.time_ns), start.time_ns
+) -> tuple[Means, list[Increments]]:
+    """Short means of the IMU from a start on, up to a gap that is longer, and joined increments."""
+    stage, last_ns, joined = MeansStage(start.time_ns), start.time_ns, []
     for increments, _, _ in SegmentIncrements(source, config, algorithm).from_time(start.time_ns):
         begin_ns = int(increments.time_ns[0]) - round(float(increments.interval[0]) * SECOND)
         if begin_ns - last_ns > longest_gap_s * SECOND:
             break
         last_ns = int(increments.time_ns[-1])
         stage.push(increments)
-    return stage.finish()
+        joined.append(joined_updates(increments, JOINED_S))
+    return stage.finish(), joined
 
 
 def _unconstrained(
-    source: Source,
-    config: ProcessConfig,
-    algorithm: ConingAlgorithm,
-    start: FilterStart,
-    means: Means,
-    shaken: Constraints | None,
+    joined: list[Increments], start: FilterStart, shaken: Constraints | None
 ) -> Track | None:
-    """The track, as long as the means, of a smoother that assumes no more than a shaken IMU."""
+    """The track of a smoother that assumes no more than a shaken IMU."""
     run = InsGnssFilter(
         start.start,
         start.settings,
@@ -369,10 +370,8 @@ def _unconstrained(
         constraints=shaken,
     )
     columns = measurements(start)
-    end_ns = means.start_ns + STEP_NS * len(means)
     with Smoother(run.kind, outputs=False) as smoother:
-        steps = SegmentIncrements(source, config, algorithm)
-        for increments, _, _ in steps.from_time(start.time_ns, end_ns):
+        for increments in joined:
             smoother.push(run.push(increments, **columns))
             columns = {}
         if columns:

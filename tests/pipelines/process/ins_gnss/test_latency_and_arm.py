@@ -304,7 +304,7 @@ def test_a_filter_that_diverges_shows_no_offsets(tmp_path):
     first, motion = first_start_of(log, input=KIND, gnss=given())
     control = replace(first.settings.control, gate_probability=1.0)
     settings = replace(first.settings, gnss_latency=-0.08, control=control)
-    assert estimate_offsets(first.start, settings, motion, first.used) is None
+    assert estimate_offsets(first.start, settings, [motion], first.used) is None
 
 
 def test_what_does_not_settle_is_told(tmp_path, road, monkeypatch):

@@ -1,0 +1,56 @@
+"""Medians and quantiles of plain arrays.
+
+Those of NumPy load its masked arrays to be sure that there is none, for a twentieth of what a short
+log takes, and look at an axis for longer than at a short column.
+"""
+
+from __future__ import annotations
+
+from math import floor
+
+import numpy as np
+
+from sinstool.core.arrays import ArrayLike
+
+
+def median(values: ArrayLike, axis: int | None = None) -> np.ndarray:
+    """Median, of all values or along an axis; NaN where one is among them.
+
+    Parameters
+    ----------
+    values : array_like
+        At least one along the axis.
+    """
+    return quantile(values, 0.5, axis)
+
+
+def quantile(values: ArrayLike, share: float, axis: int | None = None) -> np.ndarray:
+    """Quantile, on the line between the two values about it; NaN where one is among them.
+
+    Parameters
+    ----------
+    values : array_like
+        At least one along the axis.
+    share : float
+        0 to 1.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if axis is None:
+        array, axis = array.ravel(), 0
+    last = array.shape[axis] - 1
+    if last < 0:
+        return np.asarray(np.full(np.delete(array.shape, axis), np.nan))[()]
+    place = share * last
+    low = floor(place)
+    part = place - low
+    high = low + 1 if part else low
+    # NaN are sorted behind everything else
+    ordered = np.partition(array, sorted({low, high, last}), axis=axis)
+    below, above, most = (ordered.take(k, axis=axis) for k in (low, high, last))
+    with np.errstate(invalid="ignore"):
+        step = np.where(below == above, 0.0, above - below)
+        if part == 0.5:
+            between = 0.5 * (below + above)
+        else:
+            between = below + part * step if part < 0.5 else above - (1.0 - part) * step
+    return np.where(np.isnan(most), np.nan, between)[()]
