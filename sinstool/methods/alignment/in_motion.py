@@ -243,12 +243,11 @@ def align_in_motion(
                 break
         return best
 
-    def settled(rough: MotionAlignment) -> MotionAlignment | None:
-        for k in range(ROUNDS):
+    def settled(rough: MotionAlignment) -> MotionAlignment:
+        for _ in range(ROUNDS):
             again = tried(rough.refined_bias, settings.grade, ends_ns)
             if again is None or not again.good:
-                # A bias that is one makes more of the log fit, not less
-                return None if k == 0 and rough is not best else rough
+                break
             rough = again
             if not rough.bias_surprises:
                 break
@@ -274,8 +273,7 @@ def align_in_motion(
         rough = tried(gyro_bias, settings.grade, ends)
     # A bias a little beyond the ordinary may be what it is, and a large one an illusion
     found = [settled(one) for one in (best, rough) if one is not None and one.good]
-    kept = [one for one in found if one is not None]
-    return min(kept, key=lambda one: one.result.chi2, default=best)
+    return min(found, key=lambda one: one.result.chi2, default=best)
 
 
 def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> FloatArray:
