@@ -12,6 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.config.unused import listed, unused_options
@@ -21,7 +23,7 @@ from sinstool.core.finding import Finding
 from sinstool.core.memory import give_back
 from sinstool.core.options import span
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G
+from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G, STANDARD_GRAVITY
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import Grade
@@ -307,7 +309,7 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
         return Choice("inertial", "as velocity and position are integrated with it", option)
     if configured != "auto":
         return Choice(configured, "as configured", option)
-    if any(odd.kind in ("no-gravity", "gravity-size") for odd in source.findings):
+    if _without_gravity(source):
         return Choice("inertial", "as the specific force is not of gravity's size", option)
     if config.coning.coning != ProcessConfig().coning.coning:
         return Choice(
@@ -318,6 +320,18 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
     if grade == "navigation" and _holds_alone(source, config):
         return Choice("inertial", "as the gyros are of navigation grade", option)
     return Choice("smoothed", "as gravity holds roll and pitch better than the gyros", option)
+
+
+def _without_gravity(source: Source) -> bool:
+    """Whether the specific force is not gravity and what accelerations of a vehicle add to it.
+
+    Of a size between a half and two g it may be that of one that circles, if the log is too short
+    to tell.
+    """
+    kinds, survey = {odd.kind for odd in source.findings}, source.survey
+    if "gravity-size" not in kinds or not np.isnan(survey.gyro_unit.misfit_radians):
+        return not kinds.isdisjoint({"no-gravity", "gravity-size"})
+    return not 0.5 < survey.specific_force_median / STANDARD_GRAVITY < 2.0
 
 
 def _holds_alone(source: Source, config: ProcessConfig) -> bool:

@@ -82,11 +82,13 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
         else:
             reason = f"its rates reach {s.gyro_max.max():.0f}, too much for rad/s"
         if options.gyro_unit is None:
+            answer = "add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)"
+            severity = Severity.FAILED
+            if not s.gyro_unit.surely_degrees:
+                reason += "; they are read as rad/s, in which such rates are usual"
+                severity = Severity.WARNING
             yield Finding(
-                "gyro-unit",
-                f"topic {s.topic}: {reason}",
-                answer="add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)",
-                severity=Severity.FAILED,
+                "gyro-unit", f"topic {s.topic}: {reason}", answer=answer, severity=severity
             )
         else:
             yield Finding("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as specified")
