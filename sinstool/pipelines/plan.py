@@ -63,6 +63,11 @@ class Choice:
     reason: str
     option: str
 
+    @property
+    def configured(self) -> bool:
+        """Whether the user chose it."""
+        return self.reason == "as configured"
+
     def __str__(self) -> str:
         return f"{self.value}, {self.reason}"
 

@@ -9,6 +9,7 @@ from sinstool.core.earth import SEMI_MAJOR_AXIS, earth_rate_n
 from sinstool.core.rotation import conjugate, exp, from_euler, log, multiply, rotate
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import SECOND
+from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import (
     ACCEL_VARIANCE,
     AT_REST,
@@ -29,7 +30,7 @@ from sinstool.methods.attitude_smoother.model import (
 )
 from sinstool.methods.attitude_smoother.motion import find_motion
 from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, with_rest
-from sinstool.methods.attitude_smoother.smoother import Correction, smooth
+from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.attitude_smoother.steady import _agrees, with_steady
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
