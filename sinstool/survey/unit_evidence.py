@@ -17,9 +17,10 @@ TELLING_SHARE = 0.6
 # Over a piece of this many windows velocity hardly changes beside what gravity adds to it.
 PIECE, SHORTEST_PIECE = 40, 20
 # Rates in the wrong unit keep the mean specific force of pieces from being gravity by more than
-# this share of it, and so many times as badly as those in the right one.
+# this share of it, and so many times as badly as those in the right one, which keep it to a share;
+# turns that are faster than windows resolve keep it with neither.
 LEAST_MISFIT = 0.06
-WORSE = 3.0
+WORSE, KEPT = 3.0, 0.15
 # Where both keep it as well as an accelerometer with a bias can, misfits differ by less than this.
 ALIKE = 1.5
 # Gravity turns 57 times what rates in rad/s, taken for deg/s, say: this lies half-way in ratio.
@@ -173,7 +174,7 @@ def turns_like_degrees(evidence: UnitEvidence) -> bool:
     if e.windows < TELLING_WINDOWS:
         return False
     if e.misfit_radians > max(LEAST_MISFIT, WORSE * e.misfit_degrees):
-        return True
+        return e.misfit_degrees < KEPT
     far = e.windows > PIECE
     alike = e.misfit_radians < min(LEAST_MISFIT, ALIKE * e.misfit_degrees)
     if e.misfit_radians < e.misfit_degrees or alike or (far and e.misfit_radians < LEAST_MISFIT):

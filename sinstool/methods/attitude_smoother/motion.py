@@ -126,11 +126,10 @@ def find_motion(
         density = min(max(search.best(HAND, 1)[0], HAND_RANGE[0]), HAND_RANGE[1])
         return Motion(HAND.with_density(density), margin)
     model, lengths = VEHICLE, LONGER
-    if not short:
-        follows = search.best(FOLLOWER, FOLLOWS_EPOCHS)[1]
-        if follows > search.best(VEHICLE, FOLLOWS_EPOCHS)[1] + FOLLOWS_MARGIN:
-            model, lengths = FOLLOWER, LONGER[1:]
-            least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * FOLLOWER.c1))
+    follows = search.best(FOLLOWER, FOLLOWS_EPOCHS)[1]
+    if follows > search.best(VEHICLE, FOLLOWS_EPOCHS)[1] + FOLLOWS_MARGIN:
+        model, lengths = FOLLOWER, LONGER[1:]
+        least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * FOLLOWER.c1))
     density = max(search.best(model, length)[0] for length in lengths)
     return Motion(model.with_density(max(VEHICLE_FACTOR * density, least)), margin, short)
 
