@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.config.unused import listed, unused_options
@@ -31,6 +29,7 @@ from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import measured_noise, random_walks, sensor_grade, walk_in
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
+from sinstool.survey.oddities import usual_force
 from sinstool.survey.source import Source, has_gnss
 
 if TYPE_CHECKING:
@@ -330,13 +329,13 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
 def _without_gravity(source: Source) -> bool:
     """Whether the specific force is not gravity and what accelerations of a vehicle add to it.
 
-    Of a size between a half and two g it may be that of one that circles, if the log is too short
-    to tell.
+    Of a size between a half and two g it may be that of one that circles, or of sensors with a
+    wrong scale, which still show where gravity points.
     """
-    kinds, survey = {odd.kind for odd in source.findings}, source.survey
-    if "gravity-size" not in kinds or not np.isnan(survey.gyro_unit.misfit_radians):
-        return not kinds.isdisjoint({"no-gravity", "gravity-size"})
-    return not 0.5 < survey.specific_force_median / STANDARD_GRAVITY < 2.0
+    kinds = {odd.kind for odd in source.findings}
+    if "gravity-size" in kinds:
+        return not 0.5 < usual_force(source.survey) / STANDARD_GRAVITY < 2.0
+    return "no-gravity" in kinds
 
 
 def _holds_alone(source: Source, config: ProcessConfig) -> bool:

@@ -136,6 +136,11 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
         )
 
 
+def usual_force(s: Survey) -> float:
+    """Size of the specific force, m/s^2, as half a second shows it: the median."""
+    return float(np.median(np.linalg.norm(s.windows.accel, axis=1)))
+
+
 def _odd_size(s: Survey) -> bool:
     """Whether the specific force is not of gravity's size.
 
@@ -143,8 +148,7 @@ def _odd_size(s: Survey) -> bool:
     minutes feels more than gravity: there the means of twenty seconds in axes that do not turn are
     of gravity's size.
     """
-    size = float(np.median(np.linalg.norm(s.windows.accel, axis=1)))
-    usual = GRAVITY_SIZES[0] < size < GRAVITY_SIZES[1]
+    usual = GRAVITY_SIZES[0] < usual_force(s) < GRAVITY_SIZES[1]
     return not (usual or s.gyro_unit.misfit_radians < LEAST_MISFIT)
 
 

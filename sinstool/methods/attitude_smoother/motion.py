@@ -67,7 +67,7 @@ class Motion:
         moving seconds, scaled, if that is larger; None where the kind was chosen by other means.
     short : bool
         The motion is too short to show whether its position is bounded: then it is a vehicle's,
-        as that claims less.
+        as that claims less, unless a vehicle is hardly likelier.
     """
 
     model: MotionModel
@@ -124,7 +124,8 @@ def find_motion(
         name = "vehicle" if short or margin > MARGIN else "hand"
     if name == "hand":
         density = min(max(search.best(HAND, 1)[0], HAND_RANGE[0]), HAND_RANGE[1])
-        return Motion(HAND.with_density(density), margin)
+        doubtful = moving * EPOCH_S < SHORT_S and margin is not None and margin > -SHORT_MARGIN
+        return Motion(HAND.with_density(density), margin, doubtful)
     model, lengths = VEHICLE, LONGER
     follows = search.best(FOLLOWER, FOLLOWS_EPOCHS)[1]
     if follows > search.best(VEHICLE, FOLLOWS_EPOCHS)[1] + FOLLOWS_MARGIN:
