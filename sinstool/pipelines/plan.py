@@ -21,7 +21,7 @@ from sinstool.core.finding import Finding
 from sinstool.core.memory import give_back
 from sinstool.core.options import span
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G
+from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G, STANDARD_GRAVITY
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import Grade
@@ -29,6 +29,7 @@ from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import measured_noise, random_walks, sensor_grade, walk_in
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
+from sinstool.survey.oddities import usual_force
 from sinstool.survey.source import Source, has_gnss
 
 if TYPE_CHECKING:
@@ -60,6 +61,11 @@ class Choice:
     value: str
     reason: str
     option: str
+
+    @property
+    def configured(self) -> bool:
+        """Whether the user chose it."""
+        return self.reason == "as configured"
 
     def __str__(self) -> str:
         return f"{self.value}, {self.reason}"
@@ -307,7 +313,7 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
         return Choice("inertial", "as velocity and position are integrated with it", option)
     if configured != "auto":
         return Choice(configured, "as configured", option)
-    if any(odd.kind in ("no-gravity", "gravity-size") for odd in source.findings):
+    if _without_gravity(source):
         return Choice("inertial", "as the specific force is not of gravity's size", option)
     if config.coning.coning != ProcessConfig().coning.coning:
         return Choice(
@@ -318,6 +324,18 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
     if grade == "navigation" and _holds_alone(source, config):
         return Choice("inertial", "as the gyros are of navigation grade", option)
     return Choice("smoothed", "as gravity holds roll and pitch better than the gyros", option)
+
+
+def _without_gravity(source: Source) -> bool:
+    """Whether the specific force is not gravity and what accelerations of a vehicle add to it.
+
+    Of a size between a half and two g it may be that of one that circles, or of sensors with a
+    wrong scale, which still show where gravity points.
+    """
+    kinds = {odd.kind for odd in source.findings}
+    if "gravity-size" in kinds:
+        return not 0.5 < usual_force(source.survey) / STANDARD_GRAVITY < 2.0
+    return "no-gravity" in kinds
 
 
 def _holds_alone(source: Source, config: ProcessConfig) -> bool:

@@ -175,6 +175,20 @@ def _lines(stamp_ns: IntArray, interval_ns: float) -> EvenStamps:
     late = (stamp_ns - begin_ns) - interval_ns * np.arange(len(stamp_ns))
     width = max(LEAST_SAMPLES, round(LINE_S * SECOND / interval_ns))
     missing = _missing(stamp_ns, late, interval_ns, min(width // 2, MOST_NEARBY))
+    while True:
+        even = _broken_at(missing, stamp_ns, late, interval_ns, width)
+        # Between few samples that are late by chance lines may meet, or overlap: nothing is missing
+        lacking = np.array([seconds * SECOND > interval_ns for _, seconds in even.gaps], np.bool_)
+        if lacking.all():
+            return even
+        missing = missing[lacking]
+
+
+def _broken_at(
+    missing: IntArray, stamp_ns: IntArray, late: FloatArray, interval_ns: float, width: int
+) -> EvenStamps:
+    """Lines of about `width` samples that are broken before those rows."""
+    begin_ns = int(stamp_ns[0])
     breaks = np.concatenate([[0], missing, [len(stamp_ns)]])
     first, count, time, interval = [], [], [], []
     for begin, end in pairwise(breaks.tolist()):

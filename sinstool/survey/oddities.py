@@ -14,7 +14,6 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.order_statistics import median
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
@@ -83,11 +82,13 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
         else:
             reason = f"its rates reach {s.gyro_max.max():.0f}, too much for rad/s"
         if options.gyro_unit is None:
+            answer = "add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)"
+            severity = Severity.FAILED
+            if not s.gyro_unit.surely_degrees:
+                reason += "; they are read as rad/s, in which such rates are usual"
+                severity = Severity.WARNING
             yield Finding(
-                "gyro-unit",
-                f"topic {s.topic}: {reason}",
-                answer="add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)",
-                severity=Severity.FAILED,
+                "gyro-unit", f"topic {s.topic}: {reason}", answer=answer, severity=severity
             )
         else:
             yield Finding("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as specified")
@@ -135,6 +136,11 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
         )
 
 
+def usual_force(s: Survey) -> float:
+    """Size of the specific force, m/s^2, as half a second shows it: the median."""
+    return float(median(np.linalg.norm(s.windows.accel, axis=1)))
+
+
 def _odd_size(s: Survey) -> bool:
     """Whether the specific force is not of gravity's size.
 
@@ -142,8 +148,7 @@ def _odd_size(s: Survey) -> bool:
     minutes feels more than gravity: there the means of twenty seconds in axes that do not turn are
     of gravity's size.
     """
-    size = float(median(np.linalg.norm(s.windows.accel, axis=1)))
-    usual = GRAVITY_SIZES[0] < size < GRAVITY_SIZES[1]
+    usual = GRAVITY_SIZES[0] < usual_force(s) < GRAVITY_SIZES[1]
     return not (usual or s.gyro_unit.misfit_radians < LEAST_MISFIT)
 
 

@@ -18,13 +18,17 @@ TELLING_SHARE = 0.6
 # Over a piece of this many windows velocity hardly changes beside what gravity adds to it.
 PIECE, SHORTEST_PIECE = 40, 20
 # Rates in the wrong unit keep the mean specific force of pieces from being gravity by more than
-# this share of it, and so many times as badly as those in the right one.
+# this share of it, and so many times as badly as those in the right one, which keep it to a share;
+# turns that are faster than windows resolve keep it with neither.
 LEAST_MISFIT = 0.06
-WORSE = 3.0
+WORSE, KEPT = 3.0, 0.15
 # Where both keep it as well as an accelerometer with a bias can, misfits differ by less than this.
 ALIKE = 1.5
 # Gravity turns 57 times what rates in rad/s, taken for deg/s, say: this lies half-way in ratio.
 RADIANS_SCALE = 7.5
+# Half-second means of rates of this size, RMS, are those of vehicles that turn about. In deg/s they
+# would be those of one that hardly does.
+LIVELY_RAD_S = 0.7
 # No IMU measures 100 rad/s (5 700 deg/s); many reach 100 deg/s.
 MAX_RATE_RAD_S = 100.0
 
@@ -48,6 +52,8 @@ class UnitEvidence:
         How far from that of gravity the size of the mean specific force of twenty seconds is in
         axes that do not turn, by rates in rad/s and in deg/s, as a share of gravity, RMS of all
         pieces; NaN in a log that is too short.
+    rate : float
+        RMS of the windows' mean rates as they were read, rad/s.
     """
 
     scale: float = 0.0
@@ -56,6 +62,16 @@ class UnitEvidence:
     share: float = 0.0
     misfit_radians: float = np.nan
     misfit_degrees: float = np.nan
+    rate: float = np.inf
+
+    @property
+    def surely_degrees(self) -> bool:
+        """Whether rates that look like deg/s are too large for rad/s of most vehicles, too.
+
+        A multicopter's thrust stays on its own axis whatever its rates, so that all that is left to
+        judge by are small accelerations.
+        """
+        return self.rate > LIVELY_RAD_S
 
 
 def unit_evidence(windows: Windows) -> UnitEvidence:
@@ -94,7 +110,9 @@ def unit_evidence(windows: Windows) -> UnitEvidence:
     better = np.linalg.norm(after - as_degrees, axis=1) < np.linalg.norm(after - as_radians, axis=1)
     count = int(np.count_nonzero(telling))
     share = float(np.mean(better[telling])) if count else 0.0
-    return UnitEvidence(scale, sigma, count, share, *_misfits(windows, (1.0, DEGREE)))
+    rate = float(np.sqrt(np.mean(np.sum(windows.gyro**2, axis=1))))
+    radians, degrees = _misfits(windows, (1.0, DEGREE))
+    return UnitEvidence(scale, sigma, count, share, radians, degrees, rate)
 
 
 def _misfits(windows: Windows, units: tuple[float, ...]) -> list[float]:
@@ -157,7 +175,7 @@ def turns_like_degrees(evidence: UnitEvidence) -> bool:
     if e.windows < TELLING_WINDOWS:
         return False
     if e.misfit_radians > max(LEAST_MISFIT, WORSE * e.misfit_degrees):
-        return True
+        return e.misfit_degrees < KEPT
     far = e.windows > PIECE
     alike = e.misfit_radians < min(LEAST_MISFIT, ALIKE * e.misfit_degrees)
     if e.misfit_radians < e.misfit_degrees or alike or (far and e.misfit_radians < LEAST_MISFIT):

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from sinstool.config import ProcessConfig
@@ -11,7 +12,7 @@ from sinstool.pipelines.align.log import align_log
 from sinstool.pipelines.info.run import inspect
 from sinstool.pipelines.process.run import plan_of, process
 from tests.helpers.filter_logs import simulated
-from tests.helpers.imulogs import REAL
+from tests.helpers.imulogs import REAL, even_times, imu_log
 from tests.helpers.logs import real
 from tests.helpers.unseen_drives import PERFECT, drive, record, write
 from tests.survey.test_velocity import odometry
@@ -141,3 +142,13 @@ def test_a_span_without_fixes_withholds_nothing(tmp_path):
     config = build(ProcessConfig, {"filter": {"withhold_gnss": ["80:90", "500:600"]}})
     found = [f for f in plan_of(log, config).findings if f.kind == "nothing-withheld"]
     assert [f.text.split(",")[0] for f in found] == ["--withhold-gnss 500:600 withholds nothing"]
+
+
+@pytest.mark.parametrize(("size", "expected"), [(14.0, "smoothed"), (25.0, "inertial")])
+def test_what_may_circle_is_smoothed(tmp_path, size, expected):
+    """A glider at 45 degrees of bank feels 14 m/s^2."""
+    random = np.random.default_rng(3)
+    gyro = 0.05 * random.standard_normal((1500, 3))
+    accel = np.array([0.0, 0.0, size]) + random.standard_normal((1500, 3))
+    log = imu_log(tmp_path / "log.mcap", even_times(1500, 100.0), gyro, accel)
+    assert plan_of(log, ProcessConfig()).attitude.value == expected

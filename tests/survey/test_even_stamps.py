@@ -123,6 +123,22 @@ def test_stretches_between_gaps_may_be_of_any_length(seed):
     assert sum(seconds for _, seconds in even.gaps) == pytest.approx(38 * 0.505, rel=0.02)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_even_times_increase_where_few_samples_lie_between_losses(seed):
+    """Lines through some samples of a burst began before the end of those before."""
+    random, time_ns = np.random.default_rng(seed), even_times()
+    stamps = time_ns + INTERVAL * (5 - np.arange(len(time_ns)) % 6)
+    there = random.random(len(time_ns)) > 0.08
+    for begin in np.cumsum(random.integers(650, 2_000, 9)):
+        there[begin : begin + 500] = False
+    stamps = received_at(stamps[there], np.zeros(there.sum(), np.int64))
+    even = even_stamps([samples(stamps, time_ns[there])], False, surely=True)
+    assert even is not None and len(even.gaps) >= 9
+    assert min(seconds for _, seconds in even.gaps) * 1e9 > even.usual_ns
+    (out,) = even.applied([samples(stamps, time_ns[there])])
+    assert np.diff(out.time_ns).min() > 0
+
+
 @given(st.lists(st.integers(1, 19_999), max_size=6), st.integers(0, 40))
 @settings(max_examples=20, deadline=None)
 def test_times_do_not_depend_on_blocks(cuts, line):

@@ -180,6 +180,19 @@ def test_deg_s(rows, findings_of):
     assert not is_fatal(answer) and "read as rad/s as specified" in answer.text
 
 
+@pytest.mark.parametrize(("size", "fatal"), [(0.5, False), (5.0, True)])
+def test_deg_s_that_would_be_usual_rates_in_rad_s_are_questioned_and_not_refused(
+    findings_of, size, fatal
+):
+    """A thrust that stays on its own axis looks like deg/s; 0.5 rad/s are usual, 5 are not."""
+    gyro, accel = resting(8000)
+    gyro[:, 0] += size * np.sin(0.1 * np.pi * np.arange(8000) / 200.0)
+    odd = findings_of(imu_messages(even_times(8000), gyro, accel))["gyro-unit"]
+    assert is_fatal(odd) is fatal
+    assert ("they are read as rad/s" in odd.text) is not fatal
+    assert "add --gyro-unit deg/s" in odd.answer
+
+
 def test_rates_too_large_for_rad_s_say_so(findings_of):
     gyro, accel = resting(1000)
     gyro[100:900, 2] = 400.0  # a turntable in deg/s: gravity does not turn

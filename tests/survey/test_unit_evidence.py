@@ -177,6 +177,7 @@ def test_rates_beyond_any_sensor():
         (UnitEvidence(1.0, 0.1, 20, 0.9, 0.01, 0.02), False),
         (UnitEvidence(4.3, 0.8, 26, 1.0, 0.038, 0.031), False),  # either is an accelerometer's bias
         (UnitEvidence(0.1, 0.5, 50, 0.9, 0.30, 0.02), True),  # and here they do not
+        (UnitEvidence(0.1, 0.5, 50, 0.9, 0.72, 0.22), False),  # windows resolve neither
     ],
 )
 def test_what_evidence_is_enough(evidence, expected):

@@ -67,7 +67,7 @@ class Motion:
         moving seconds, scaled, if that is larger; None where the kind was chosen by other means.
     short : bool
         The motion is too short to show whether its position is bounded: then it is a vehicle's,
-        as that claims less.
+        as that claims less, unless a vehicle is hardly likelier.
     """
 
     model: MotionModel
@@ -124,13 +124,13 @@ def find_motion(
         name = "vehicle" if short or margin > MARGIN else "hand"
     if name == "hand":
         density = min(max(search.best(HAND, 1)[0], HAND_RANGE[0]), HAND_RANGE[1])
-        return Motion(HAND.with_density(density), margin)
+        doubtful = moving * EPOCH_S < SHORT_S and margin is not None and margin > -SHORT_MARGIN
+        return Motion(HAND.with_density(density), margin, doubtful)
     model, lengths = VEHICLE, LONGER
-    if not short:
-        follows = search.best(FOLLOWER, FOLLOWS_EPOCHS)[1]
-        if follows > search.best(VEHICLE, FOLLOWS_EPOCHS)[1] + FOLLOWS_MARGIN:
-            model, lengths = FOLLOWER, LONGER[1:]
-            least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * FOLLOWER.c1))
+    follows = search.best(FOLLOWER, FOLLOWS_EPOCHS)[1]
+    if follows > search.best(VEHICLE, FOLLOWS_EPOCHS)[1] + FOLLOWS_MARGIN:
+        model, lengths = FOLLOWER, LONGER[1:]
+        least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * FOLLOWER.c1))
     density = max(search.best(model, length)[0] for length in lengths)
     return Motion(model.with_density(max(VEHICLE_FACTOR * density, least)), margin, short)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import pairwise
+from math import exp
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -39,8 +40,10 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED, SWAY_LASTS
 from sinstool.methods.attitude_smoother.model import (
+    CALIBRATED,
     FIRST_VELOCITY,
     LARGE_BIAS,
+    UNCALIBRATED,
     VEHICLE,
     SensorModel,
 )
@@ -66,6 +69,8 @@ LONG_WINDOW = 100  # epochs
 TRANSPORT_RATE = FIRST_VELOCITY / SEMI_MAJOR_AXIS
 # One sigma of a bend that is taken for straight travel where no bias is known, rad/s.
 SLOW_TURN = 3e-3
+# Of a turn that lasts, as aircraft fly it, rad/s.
+TURN = 0.03
 # Shorter steady times are a lull of the motion, in which a slow acceleration may go on.
 LULL = 25  # epochs
 # A rest shorter than this share of the longest must have the same rate.
@@ -191,13 +196,27 @@ def note_doubt(rows: np.ndarray, sensors: SensorModel) -> None:
     found = runs((rows[:, REST] > MOVING) & (rows[:, REST] < AT_REST))
     if len(found) == 1 and sensors.bias > LARGE_BIAS:
         begin, end = found[0]
-        rows[begin:end, TURN_DOUBT] = SLOW_TURN**2 * (end - begin)
+        rows[begin:end, TURN_DOUBT] = _turn_doubt(rows[begin:end], sensors) * (end - begin)
     if len(found) < 2:
         return
     rates = np.array([rows[begin:end, GYRO : GYRO + 3].mean(axis=0) for begin, end in found])
     differ = float(rates.var(axis=0, ddof=1).mean())
     for begin, end in found:
         rows[begin:end, RATE_DOUBT] = differ * (end - begin)
+
+
+def _turn_doubt(quiet: np.ndarray, sensors: SensorModel) -> float:
+    """Variance of a turn about the vertical in a quiet time that alone shows the bias, rad^2/s^2.
+
+    The larger its rate, the likelier it is a turn's, and the rate is then all turn.
+    """
+    up = quiet[:, ACCEL : ACCEL + 3].mean(axis=0)
+    measured = quiet[:, GYRO : GYRO + 3].mean(axis=0) - np.asarray(sensors.bias_mean)
+    rate = float(measured @ up) / max(float(np.linalg.norm(up)), 1e-9)
+    turn, *biases = (
+        exp(-0.5 * (rate / sigma) ** 2) / sigma for sigma in (TURN, CALIBRATED, UNCALIBRATED)
+    )
+    return SLOW_TURN**2 + turn / (turn + 0.5 * sum(biases)) * rate**2
 
 
 def _drop_pieces(rows: np.ndarray, still: np.ndarray) -> None:

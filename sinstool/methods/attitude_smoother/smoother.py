@@ -9,17 +9,16 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.order_statistics import median
-from sinstool.core.parts import kernel
-from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_dcm
-from sinstool.core.streams import Solution
 from sinstool.methods.attitude_smoother import kernels, state
+from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs, merged
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
 from sinstool.methods.attitude_smoother.model import (
     CALIBRATED,
+    FOLLOWER,
     GRAVITY,
     LARGE_BIAS,
     VEHICLE,
@@ -54,89 +53,12 @@ MORE, ROUNDS = 1.2, 4
 COARSE = 5
 # A vehicle goes where it points if that is so many times as likely, nat.
 FOLLOWS_MARGIN = 3.0
+# Manoeuvres last some seconds, but the likelihood counts each second as if it were independent.
+TEMPERED = 0.25
 NO_STATES = np.empty((0, state.STATE))
 NOTHING_FOUND = np.empty(0)
 # Of what is kept of a covariance: the variances of the accelerometers' biases.
 BIASES = slice(14, 17)
-
-
-@dataclass(frozen=True)
-class Correction:
-    """Correction of an integrated attitude, at the limits of epochs.
-
-    Attributes
-    ----------
-    time_ns : ndarray of int64, shape (n + 1,)
-    q : ndarray, shape (n + 1, 4)
-        The rotation in navigation axes: the attitude is `q` times the integrated one.
-    turn : ndarray, shape (n, 3)
-        Rotation vector from each to the next, rad.
-    gyro_bias : ndarray, shape (n + 1, 3)
-        Beyond the bias that the integration removed, rad/s.
-    covariance_n : ndarray, shape (n + 1, 3, 3)
-        Of the small rotation in NED that takes the attitude to the true one, rad^2; that of
-        heading since the start.
-    gyro_bias_sigma : ndarray, shape (n + 1, 3)
-        rad/s.
-    accel_bias_sigma : float
-        Standard deviation of the accelerometer biases, by axis, that the covariance of tilt
-        includes, m/s^2.
-    accel_bias : ndarray, shape (3,), or None
-        Of a vehicle's, m/s^2; that of a hand's is not estimated.
-    """
-
-    time_ns: np.ndarray
-    q: FloatArray
-    turn: FloatArray
-    gyro_bias: FloatArray
-    covariance_n: FloatArray
-    gyro_bias_sigma: FloatArray
-    accel_bias_sigma: float
-    accel_bias: FloatArray | None
-
-    def apply(self, solution: Solution) -> Solution:
-        """A solution with its attitude and its rates corrected, and with a covariance."""
-        n = len(solution)
-        at = np.searchsorted(self.time_ns, solution.time_ns, "left") - 1
-        q, rate, covariance = np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3, 3))
-        _corrected(
-            self.time_ns,
-            self.q,
-            self.turn,
-            self.gyro_bias,
-            self.covariance_n,
-            np.clip(at, 0, len(self.turn) - 1),
-            solution.time_ns,
-            solution.q_nb,
-            solution.omega_ib_b,
-            q,
-            rate,
-            covariance,
-        )
-        return replace(solution, q_nb=q, omega_ib_b=rate, covariance_attitude_n=covariance)
-
-    def at(self, time_ns: np.ndarray) -> Correction:
-        """The same at other limits of epochs.
-
-        Parameters
-        ----------
-        time_ns : ndarray of int64, shape (n + 1,)
-            Within the same time.
-        """
-        limits = self.time_ns
-        k = np.clip(np.searchsorted(limits, time_ns, "left") - 1, 0, len(self.turn) - 1)
-        s = ((time_ns - limits[k]) / np.maximum(limits[k + 1] - limits[k], 1))[:, None]
-        q = multiply(exp(s * self.turn[k]), self.q[k])
-        end = k + (s[:, 0] > 0.0)
-        return replace(
-            self,
-            time_ns=time_ns,
-            q=q,
-            turn=log(multiply(q[1:], conjugate(q[:-1]))),
-            gyro_bias=(1.0 - s) * self.gyro_bias[k] + s * self.gyro_bias[k + 1],
-            covariance_n=self.covariance_n[end],
-            gyro_bias_sigma=self.gyro_bias_sigma[end],
-        )
 
 
 def smooth(
@@ -169,13 +91,15 @@ def smooth(
             epochs = merged(epochs, COARSE, by_kind=True)
     run = _Run(epochs, sensors, prior, north)
     result = run.converged(motion)
-    if motion.follows and (sensors.bias > LARGE_BIAS or result.likelihood <= DIVERGED):
+    if not motion.c0 and (sensors.bias > LARGE_BIAS or result.likelihood <= DIVERGED):
         # a wrong bias turns the velocity wrongly, which shows the same wrong bias: the likelihood
         # tells where the passes ended
-        free = run.converged(_freed(motion))
-        if free.likelihood > result.likelihood - FOLLOWS_MARGIN:
-            again = run.converged(motion, free.states)
-            result = max(result, free, again, key=lambda one: one.likelihood)
+        other = run.converged(_freed(motion) if motion.follows else _following(motion))
+        found = [result, other]
+        if motion.follows and other.likelihood > result.likelihood - FOLLOWS_MARGIN:
+            found.append(run.converged(motion, other.states))
+            result = max(found, key=lambda one: one.likelihood)
+        result = _widened(result, found)
     smoothed, covariance = result.states, result.covariance
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
@@ -295,6 +219,31 @@ def _as_fast(
 def _freed(motion: MotionModel) -> MotionModel:
     """The model without what a wrong bias would spoil: that a vehicle goes where it points."""
     return replace(VEHICLE, density=motion.density, finds_bias=motion.finds_bias)
+
+
+def _following(motion: MotionModel) -> MotionModel:
+    """The model of a vehicle that goes where it points, of accelerations of the same size."""
+    return replace(FOLLOWER, density=motion.density, finds_bias=motion.finds_bias)
+
+
+def _widened(best: _Result, found: list[_Result]) -> _Result:
+    """The best of several results, whose covariance allows for the others.
+
+    A circle with small biases and level travel with large ones can be about as likely, far from
+    each other and each sure of itself.
+    """
+    weight = np.exp([TEMPERED * (one.likelihood - best.likelihood) for one in found])
+    weight /= weight.sum()
+    covariance = best.covariance.copy()
+    q = from_dcm(best.states[:, :9].reshape(-1, 3, 3))
+    for share, one in zip(weight, found, strict=True):
+        if one is best:
+            continue
+        off = log(multiply(from_dcm(one.states[:, :9].reshape(-1, 3, 3)), conjugate(q)))
+        covariance[:, :9] += share * (off[:, :, None] * off[:, None, :]).reshape(-1, 9)
+        bias = slice(state.B, state.B + 3)
+        covariance[:, 9:12] += share * (one.states[:, bias] - best.states[:, bias]) ** 2
+    return replace(best, covariance=covariance)
 
 
 def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
@@ -435,34 +384,3 @@ def _pass(
             *scratch,
         )
     return smoothed, likelihood
-
-
-@kernel()
-def _corrected(
-    limits: np.ndarray,
-    q: FloatArray,
-    turn: FloatArray,
-    bias: FloatArray,
-    covariance_n: FloatArray,
-    at: np.ndarray,
-    time_ns: np.ndarray,
-    q_nb: FloatArray,
-    omega: FloatArray,
-    q_out: FloatArray,
-    omega_out: FloatArray,
-    covariance_out: FloatArray,
-) -> None:
-    """Corrections between the limits of epochs, `at` the epoch of each sample."""
-    for i in range(len(q_out)):
-        k = at[i]
-        s = (time_ns[i] - limits[k]) / max(limits[k + 1] - limits[k], 1)
-        w, x, y, z = increment_quaternion(s * turn[k, 0], s * turn[k, 1], s * turn[k, 2], 0)
-        w, x, y, z = product(w, x, y, z, q[k, 0], q[k, 1], q[k, 2], q[k, 3])
-        w, x, y, z = product(w, x, y, z, q_nb[i, 0], q_nb[i, 1], q_nb[i, 2], q_nb[i, 3])
-        w, x, y, z = to_unit(w, x, y, z)
-        q_out[i, 0], q_out[i, 1], q_out[i, 2], q_out[i, 3] = w, x, y, z
-        for a in range(3):
-            omega_out[i, a] = omega[i, a] - ((1.0 - s) * bias[k, a] + s * bias[k + 1, a])
-            for b in range(3):
-                # the value at the end of the epoch throughout: repeated numbers compress well
-                covariance_out[i, a, b] = covariance_n[k + 1, a, b]

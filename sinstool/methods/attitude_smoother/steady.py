@@ -12,6 +12,7 @@ import numpy as np
 
 from sinstool.core.order_statistics import median
 from sinstool.core.rotation import to_dcm
+from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import (
     ACCEL_VARIANCE,
     AT_REST,
@@ -40,7 +41,7 @@ from sinstool.methods.attitude_smoother.rest import (
     note_doubt,
     runs,
 )
-from sinstool.methods.attitude_smoother.smoother import NO_PRIOR, Correction, smooth
+from sinstool.methods.attitude_smoother.smoother import NO_PRIOR, smooth
 from sinstool.methods.attitude_smoother.start import Prior
 
 # A stop shakes by less than this share of the variance of specific force in motion.

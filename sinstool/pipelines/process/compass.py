@@ -10,11 +10,11 @@ from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
+from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.earth_field import EarthField, model_field
 from sinstool.methods.attitude_smoother.epochs import Epochs
 from sinstool.methods.attitude_smoother.field import FieldStage
 from sinstool.methods.attitude_smoother.magnetometer import Compass, North, find_north
-from sinstool.methods.attitude_smoother.smoother import Correction
 from sinstool.pipelines.process.summary import MagnetometerUsed
 from sinstool.survey.magnetometer import MagneticTopic, read_magnetometer
 from sinstool.survey.source import Source

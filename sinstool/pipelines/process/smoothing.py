@@ -18,6 +18,7 @@ from sinstool.core.threads import executor
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
+from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import (
     GYRO,
     MOVING,
@@ -35,7 +36,7 @@ from sinstool.methods.attitude_smoother.model import (
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, runs, with_rest
-from sinstool.methods.attitude_smoother.smoother import Correction, smooth
+from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.attitude_smoother.start import Prior
 from sinstool.methods.attitude_smoother.steady import turning, with_steady
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
@@ -160,6 +161,8 @@ class Smoothing:
             if north is not None:
                 correction = smooth(epochs, motion.model, sensors, prior, north)
             self.north_referenced = self._magnetic.north_referenced
+        if not self._plan.gyro_samples.configured:
+            correction = correction.of_samples(epochs)
         self._correction = correction
         self._conclude(epochs, motion, correction)
         self._turning = steady_turning(epochs) if sensors.bias > LARGE_BIAS else 0.0

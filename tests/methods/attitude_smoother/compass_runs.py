@@ -9,12 +9,13 @@ from sinstool.core.rotation import from_euler, log, multiply, rotate, tilt_and_h
 from sinstool.core.streams import Imu, Magnetometer, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
+from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import Epochs, EpochStage
 from sinstool.methods.attitude_smoother.field import EpochField, FieldStage
 from sinstool.methods.attitude_smoother.magnetometer import Compass, find_north
 from sinstool.methods.attitude_smoother.model import HAND, SensorModel
 from sinstool.methods.attitude_smoother.rest import with_rest
-from sinstool.methods.attitude_smoother.smoother import Correction, smooth
+from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 
 RATE = 50

@@ -9,7 +9,9 @@ from sinstool.core.earth import SEMI_MAJOR_AXIS, earth_rate_n
 from sinstool.core.rotation import conjugate, exp, from_euler, log, multiply, rotate
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import SECOND
+from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import (
+    ACCEL,
     ACCEL_VARIANCE,
     AT_REST,
     MOVING,
@@ -17,7 +19,9 @@ from sinstool.methods.attitude_smoother.epochs import (
     RATE_DOUBT,
     REST,
     STEADY,
+    TURN_DOUBT,
     WAY_TURNS,
+    WIDTH,
     EpochStage,
 )
 from sinstool.methods.attitude_smoother.model import (
@@ -25,11 +29,12 @@ from sinstool.methods.attitude_smoother.model import (
     GRAVITY,
     HAND,
     VEHICLE,
+    SensorModel,
     sensor_model,
 )
 from sinstool.methods.attitude_smoother.motion import find_motion
-from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, with_rest
-from sinstool.methods.attitude_smoother.smoother import Correction, smooth
+from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, note_doubt, with_rest
+from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.attitude_smoother.steady import _agrees, with_steady
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
@@ -494,3 +499,16 @@ def test_one_long_bend_is_not_the_bias_of_gyros():
     tilt, _ = tilt_error(q_true, after.q_nb)
     sigma = np.sqrt(np.einsum("nii->ni", after.covariance_attitude_n))[:, :2]
     assert np.sqrt(np.mean((tilt / sigma) ** 2)) < 0.8
+
+
+@pytest.mark.parametrize(("deg_s", "least", "most"), [(0.1, 0.17, 0.2), (2.0, 1.5, 2.0)])
+def test_the_faster_a_lone_quiet_time_turns_the_less_it_shows_the_bias(deg_s, least, most):
+    """Two degrees per second about the vertical are an aircraft's turn more often than a bias."""
+    rows = np.zeros((100, WIDTH))
+    rows[20:60, REST] = QUIET
+    rows[:, ACCEL : ACCEL + 3] = [0.0, 0.0, -9.8]
+    sensors = replace(SensorModel(), bias_mean=(0.0, 0.0, np.radians(deg_s)))
+    note_doubt(rows, sensors)
+    doubt = np.degrees(np.sqrt(rows[:, TURN_DOUBT] / 40.0))
+    assert least < doubt[20:60].min() <= doubt.max() < most
+    assert not doubt[:20].any() and not doubt[60:].any()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
@@ -18,8 +19,20 @@ from sinstool.pipelines.align.in_motion import (
 )
 from sinstool.pipelines.align.log import align_log
 from sinstool.survey.source import prepare
+from tests.helpers.imulogs import T0
 from tests.helpers.launch_logs import TACTICAL, launched
-from tests.helpers.unseen_drives import GRADES, LEVER, RATE, motion_of, record, write
+from tests.helpers.unseen_drives import (
+    GRADES,
+    LEVER,
+    RATE,
+    motion_of,
+    record,
+    straight_flight,
+    write,
+)
+from tests.helpers.unseen_drives import (
+    sensor_errors as unseen_errors,
+)
 
 HOUR = 3600.0
 MODULE = "sinstool.pipelines.align.in_motion"
@@ -132,3 +145,29 @@ def test_quiet_gyros_in_steady_motion_do_not_show_north(tmp_path, seed):
     if result.heading_deg is not None and result.sigma_deg[2] is not None:
         off = np.rad2deg(wrapped(np.deg2rad(result.heading_deg) - np.arctan2(7.5, 15.0)))
         assert abs(off) < 4.0 * result.sigma_deg[2]
+
+
+@pytest.mark.parametrize(("seed", "seconds"), [(5, 180), (7, 120)])
+def test_alignment_begins_later_where_the_first_motion_shows_nothing(tmp_path, seed, seconds):
+    """An aircraft that flies straight for minutes: cheap gyros do not last until its first turn."""
+    truth = straight_flight(seed)
+    consumer = unseen_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
+    data = record(truth, consumer, seed, gnss_rate=5.0, sigma=0.3, sigma_v=0.1)
+    log = write(tmp_path / "log.mcap", data)
+    groups = {"input": {"gyro_kind": "mean-rate"}, "gnss": {"lever_arm": tuple(LEVER.tolist())}}
+    config = build(ProcessConfig, groups)
+    told = build(ProcessConfig, groups | {"in_flight": {"align_start": 1.0}})
+    with open_log(log) as opened:
+        source = prepare(opened, config)
+        assert not align_moving(source, config, "mems", "svd", "end", later_s=()).good
+        # who says when to begin is believed
+        assert not align_moving(source, told, "mems", "svd", "end").good
+        made = align_moving(source, config, "mems", "svd", "end")
+    assert made.good
+    assert any(f"first {seconds} s of motion do not show" in x for x in made.result.warnings)
+    row = int(np.argmin(np.abs(truth.seconds - (made.result.t_ns - T0) * 1e-9)))
+    given = Rotation.from_quat(made.result.q_nb, scalar_first=True)
+    off = (given * Rotation.from_matrix(truth.c_nb[row]).inv()).as_rotvec()
+    sigma = np.sqrt(np.diag(made.result.cov))
+    assert (np.abs(off) < 3.5 * sigma).all()
+    assert (np.rad2deg(sigma) < [0.7, 0.7, 2.0]).all()

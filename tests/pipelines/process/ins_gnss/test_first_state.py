@@ -39,4 +39,4 @@ def test_an_aircraft_that_flies_straight_for_minutes_is_aligned_by_its_turns(tmp
     off = (given * true.inv()).as_rotvec()
     sigma = np.sqrt(np.diag(start.start.covariance_attitude_n))
     assert (np.abs(off) < 3.5 * sigma).all()
-    assert np.rad2deg(sigma).max() < 25.0
+    assert np.rad2deg(sigma).max() < 12.0

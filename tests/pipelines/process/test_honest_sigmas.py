@@ -1,0 +1,85 @@
+"""Sigmas of attitude where the log leaves something open: how it moves, and what a sample is."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.helpers import unseen_drives
+from tests.helpers.imulogs import G, even_times
+from tests.helpers.unseen_vehicles import glider, motorcycle
+from tests.pipelines.process.test_smoothing import RATE, Hand, smoothed
+
+FLU = np.diag([1.0, -1.0, -1.0])
+ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def over_sigma(off, covariance):
+    """Root mean square of errors of tilt over their sigmas."""
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
+    return float(np.sqrt(np.mean((off / sigma) ** 2)))
+
+
+def without_rest(motion, seed, first_s=0.0):
+    """The motion from then on, as low-cost sensors with biases measure it."""
+    random = np.random.default_rng(seed)
+    each, first = round(unseen_drives.RATE / RATE), round(first_s * unseen_drives.RATE)
+    count = (len(motion.seconds) - first) // each
+    last = first + count * each
+    gyro, accel = (
+        values[first:last].reshape(count, each, 3).mean(axis=1) @ FLU * unseen_drives.RATE
+        for values in (motion.gyro, motion.accel)
+    )
+    gyro = gyro + 5e-3 * random.standard_normal(3) + 2e-3 * random.standard_normal(gyro.shape)
+    accel = accel + 0.03 * random.standard_normal(3) + 0.03 * random.standard_normal(accel.shape)
+    attitude = Rotation.from_matrix(ENU @ motion.c_nb[first + each - 1 : last : each] @ FLU)
+    return Hand(even_times(count, RATE), gyro, accel, attitude)
+
+
+@pytest.mark.parametrize("seed", [1, 4, 5, 9])
+def test_circling_and_level_travel_with_a_large_bias_are_both_allowed_for(tmp_path, seed):
+    """Forty seconds of circling in gusts and a wind, and no rest: 28 deg off, by 4 sigmas."""
+    summary, off, covariance = smoothed(tmp_path, without_rest(glider(seed, 40.0), seed))
+    assert summary["smoothing"]["motion"] == "vehicle"
+    assert 0.5 < over_sigma(off, covariance) < 2.0
+
+
+@pytest.mark.parametrize("seed", [2, 10])
+def test_forty_seconds_show_that_a_motorcycle_goes_where_it_points(tmp_path, seed):
+    """It was 1.6 and 5.8 deg off while its velocity was taken to keep its direction."""
+    log = without_rest(motorcycle(seed, 100.0), seed, 60.0)
+    summary, off, covariance = smoothed(tmp_path, log)
+    assert summary["smoothing"]["motion"] == "vehicle"
+    assert np.degrees(np.sqrt(np.mean(off**2))) < 1.2
+    assert over_sigma(off, covariance) < 1.0
+
+
+def shaken(rate=25.0, seconds=60.0, seed=0):
+    """A hand that shakes after a rest, its rates and forces those at the stamps."""
+    random = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate)) / rate
+    frequency, phase = random.uniform(1.0, 3.0, (2, 3)), random.uniform(0.0, 2.0 * np.pi, (2, 3))
+
+    def attitude(t):
+        size = 0.1 * np.clip((t - 10.0) / 5.0, 0.0, 1.0)[:, None]
+        waves = np.sin(2.0 * np.pi * frequency * t[:, None, None] + phase)
+        return Rotation.from_euler("xyz", size * waves.sum(axis=1))
+
+    step = 1e-4
+    gyro = (attitude(t - step).inv() * attitude(t + step)).as_rotvec() / (2.0 * step)
+    gyro += 2e-4 * random.standard_normal(gyro.shape)
+    accel = attitude(t).inv().apply([0.0, 0.0, G]) + 0.01 * random.standard_normal(gyro.shape)
+    return Hand(even_times(len(t), rate), gyro, accel, attitude(t))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_whether_a_sample_is_a_mean_or_a_rate_is_in_the_sigma(tmp_path, seed):
+    """Half a sample at 25 Hz and 2 rad/s is 2 deg; who knows it is no less certain for it."""
+    log = shaken(seed=seed)
+    _, off, covariance = smoothed(tmp_path, log)
+    assert 0.5 < over_sigma(off, covariance) < 1.6
+    known = {"input": {"gyro_kind": "rate"}, "output": {"overwrite": True}}
+    _, better, surer = smoothed(tmp_path, log, **known)
+    assert np.sqrt(np.mean(better**2)) < 0.6 * np.sqrt(np.mean(off**2))
+    moving = slice(len(off) // 3, None)
+    before, after = (np.median(np.trace(c[moving], axis1=1, axis2=2)) for c in (covariance, surer))
+    assert after < 0.8 * before
