@@ -14,6 +14,7 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.finding import Finding, Severity
+from sinstool.core.order_statistics import median
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
