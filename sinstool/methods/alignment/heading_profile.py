@@ -85,7 +85,8 @@ def profiled(
     -------
     Refined
     ndarray, shape (3, 3)
-        What its covariance of theta lacks, rad^2, in ib0.
+        What its covariance of theta lacks, rad^2, in ib0, widened by innovations that are larger
+        than expected as it will be.
     """
     found = first
     for last in (False, True):
@@ -100,7 +101,7 @@ def profiled(
             break
         found = again
     down_b = _corrected(found).T @ down_i
-    variance = float(down_b @ found.covariance[THETA:S, THETA:S] @ down_b)
+    variance = scale * float(down_b @ found.covariance[THETA:S, THETA:S] @ down_b)
     shown = profile.sigma(scale) ** 2
     lacking = shown - variance if shown > WIDER**2 * variance else 0.0
     return found, lacking * np.outer(down_b, down_b)

@@ -31,7 +31,7 @@ def test_where_all_headings_do_none_is_known():
     assert flat.sigma(1.0) == pytest.approx(np.pi / np.sqrt(3.0), rel=0.1)
 
 
-def refinement(best, claimed, curvature):
+def refinement(best, claimed, curvature, misfit=0.5):
     """A refinement of which only headings near `best` explain the fixes; it moves none of them."""
 
     def refine(dcm, held=None):
@@ -39,7 +39,7 @@ def refinement(best, claimed, curvature):
         off = (heading - best + np.pi) % (2.0 * np.pi) - np.pi
         covariance = np.zeros((STATES, STATES))
         covariance[range(3), range(3)] = claimed**2
-        chi2 = 0.5 + (off / curvature) ** 2 / MANY
+        chi2 = misfit + (off / curvature) ** 2 / MANY
         return Refined(dcm, np.zeros(STATES), covariance, 0, 0, chi2)
 
     return refine
@@ -67,3 +67,10 @@ def test_a_heading_that_explains_more_is_taken():
     refine = refinement(0.3, 10.0 * DEGREE, 10.0 * DEGREE)
     found, _ = profiled(refine, refine(start(0.3 - 0.5 * np.pi)), DOWN, MANY)
     np.testing.assert_allclose(found.dcm, start(0.3), atol=1e-6)
+
+
+def test_innovations_larger_than_expected_widen_a_sigma_once():
+    """The answer's covariance grows by them anyway: what a profile shows is not added to that."""
+    refine = refinement(0.3, 1.0 * DEGREE, 1.0 * DEGREE, misfit=9.0)
+    _, lacking = profiled(refine, refine(start(0.3)), DOWN, MANY)
+    assert not lacking.any()
