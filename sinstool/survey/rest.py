@@ -133,12 +133,12 @@ def _near(gnss: GnssEpochs, start_ns: int, end_ns: int) -> bool:
 
 def longest_rest(spans: Iterable[StillSpan], gnss: GnssEpochs | None) -> StillSpan | None:
     """The longest rest, of `REST_S` at least, at which GNSS does not move; None without one."""
-    rests = [
-        span
-        for span in spans
-        if span.duration_s >= REST_S and moving_at(gnss, span.start_ns, span.end_ns) is None
-    ]
-    return max(rests, key=lambda span: span.duration_s, default=None)
+    long = [span for span in spans if span.duration_s >= REST_S]
+    # The longest first, as how a span moves is what takes time
+    for span in sorted(long, key=lambda span: -span.duration_s):
+        if moving_at(gnss, span.start_ns, span.end_ns) is None:
+            return span
+    return None
 
 
 def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, list[Finding]]:

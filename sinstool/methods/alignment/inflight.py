@@ -27,6 +27,7 @@ References
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -329,21 +330,23 @@ def _refined(
         use[1:] = np.diff(segment.not_calm) == 0
     beta = segment.beta()
 
-    def refine(dcm: FloatArray, held: FloatArray | None = None) -> refinement.Refined:
-        return refinement.refine(
+    @cache
+    def refiner(backward: bool) -> refinement.Refiner:
+        return refinement.Refiner(
             segment.rows,
             beta,
             segment.sigma,
             use,
-            dcm,
             settings.grade,
             max(refinement.START_SIGMA, 3.0 * best.sigma_worst),
             settings.refine_lever_sigma,
             settings.refine_latency_sigma,
-            # A heading is held where the answer is, and all fixes are seen from there
-            backward=(settings.at == "start") == (held is None),
-            held=held,
+            backward,
         )
+
+    def refine(dcm: FloatArray, held: FloatArray | None = None) -> refinement.Refined:
+        # A heading is held where the answer is, and all fixes are seen from there
+        return refiner((settings.at == "start") == (held is None))(dcm, held)
 
     first = refine(best.solution.dcm)
     down_i = segment.dcm_ni()[first.row, 2]

@@ -62,20 +62,8 @@ class Refined:
     chi2: float
 
 
-def refine(
-    rows: InertialRows,
-    beta: FloatArray,
-    sigma: FloatArray,
-    use: BoolArray,
-    dcm: FloatArray,
-    grade: SensorGrade,
-    start_sigma: float = START_SIGMA,
-    lever_sigma: float = 0.0,
-    latency_sigma: float = 0.0,
-    backward: bool = False,
-    held: FloatArray | None = None,
-) -> Refined:
-    """Filter over all rows.
+class Refiner:
+    """A filter over all rows, from any attitude: what does not depend on that is made once.
 
     Parameters
     ----------
@@ -86,57 +74,85 @@ def refine(
         Velocity noise, m/s.
     use : ndarray of bool, shape (n,)
         Rows whose fix is taken.
-    dcm : ndarray, shape (3, 3)
-        ``C_ib0^i`` to start from.
     start_sigma : float
-        How far `dcm` may be off, rad per axis.
+        How far an attitude to start from may be off, rad per axis.
     lever_sigma, latency_sigma : float
         How far lever arm, m, and latency, s, may be off; 0 where they are exact.
     backward : bool
         From the last row to the first, to answer there.
-    held : ndarray, shape (3,), optional
-        Unit vector in ib0: about this axis `dcm` is exact at the row where the filter begins.
-
-    Notes
-    -----
-    Two passes: the second is linearised about what the first one found for its start.
     """
-    order = np.arange(len(rows))[::-1] if backward else np.arange(len(rows))
-    run = rows.rows(order)
-    z_beta = (beta - beta[order[0]])[order]
-    transition = _transitions(run)
-    c = to_dcm(run.q)
-    force = np.einsum("nij,nj->ni", c, run.force_b)
-    lever = c @ cross_columns(run.rate_b, np.broadcast_to(np.eye(3), c.shape))
-    step = np.abs(np.diff(run.time_s, prepend=run.time_s[0]))
-    prior = np.zeros(STATES)
-    prior[THETA:S] = start_sigma**2
-    prior[S:BA] = (10.0 * sigma[order[0]]) ** 2
-    prior[BA:BG] = grade.accel_bias**2
-    prior[BG:KA] = grade.gyro_bias**2
-    prior[KA:KG] = grade.accel_scale**2
-    prior[KG:LEVER] = grade.gyro_scale**2
-    prior[LEVER:TAU] = lever_sigma**2
-    prior[TAU] = latency_sigma**2
-    decay = np.exp(-step / grade.bias_time_s)
-    alpha = run.alpha - run.alpha[0]
-    noise = np.array([grade.angle_random_walk, grade.velocity_random_walk]) ** 2
-    room = np.zeros((6, 22)), np.zeros((22, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 4))
-    for repeat in range(PASSES):
-        state, covariance = np.zeros(STATES), np.diag(prior)
-        if held is not None:
-            covariance[THETA:S, THETA:S] -= start_sigma**2 * np.outer(held, held)
-        inflated, total = _filter_kernel(
-            transition, z_beta @ dcm - alpha, force, lever, step, decay, prior, noise,
-            sigma[order] ** 2, use[order], state, covariance, *room,
-        )  # fmt: skip
-        if repeat < PASSES - 1:
-            turned = theta_at(state, run.rows(slice(-1, None)), run.rows(slice(0, 1)))[0]
+
+    def __init__(
+        self,
+        rows: InertialRows,
+        beta: FloatArray,
+        sigma: FloatArray,
+        use: BoolArray,
+        grade: SensorGrade,
+        start_sigma: float = START_SIGMA,
+        lever_sigma: float = 0.0,
+        latency_sigma: float = 0.0,
+        backward: bool = False,
+    ) -> None:
+        order = np.arange(len(rows))[::-1] if backward else np.arange(len(rows))
+        run = rows.rows(order)
+        c = to_dcm(run.q)
+        step = np.abs(np.diff(run.time_s, prepend=run.time_s[0]))
+        prior = np.zeros(STATES)
+        prior[THETA:S] = start_sigma**2
+        prior[S:BA] = (10.0 * sigma[order[0]]) ** 2
+        prior[BA:BG] = grade.accel_bias**2
+        prior[BG:KA] = grade.gyro_bias**2
+        prior[KA:KG] = grade.accel_scale**2
+        prior[KG:LEVER] = grade.gyro_scale**2
+        prior[LEVER:TAU] = lever_sigma**2
+        prior[TAU] = latency_sigma**2
+        self._begin, self._end = run.rows(slice(0, 1)), run.rows(slice(-1, None))
+        self._last, self._used = int(order[-1]), max(int(use.sum()), 1)
+        self._prior, self._start_sigma = prior, start_sigma
+        self._beta, self._alpha = (beta - beta[order[0]])[order], run.alpha - run.alpha[0]
+        self._transition = _transitions(run)
+        self._rows = (
+            np.einsum("nij,nj->ni", c, run.force_b),
+            c @ cross_columns(run.rate_b, np.broadcast_to(np.eye(3), c.shape)),
+            step,
+            np.exp(-step / grade.bias_time_s),
+            prior,
+            np.array([grade.angle_random_walk, grade.velocity_random_walk]) ** 2,
+            sigma[order] ** 2,
+            use[order],
+        )
+
+    def __call__(self, dcm: FloatArray, held: FloatArray | None = None) -> Refined:
+        """Filter.
+
+        Parameters
+        ----------
+        dcm : ndarray, shape (3, 3)
+            ``C_ib0^i`` to start from.
+        held : ndarray, shape (3,), optional
+            Unit vector in ib0: about this axis `dcm` is exact at the row where the filter begins.
+
+        Notes
+        -----
+        Two passes: the second is linearised about what the first one found for its start.
+        """
+        room = np.zeros((6, 22)), np.zeros((22, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 4))
+        for repeat in range(PASSES):
+            state, covariance = np.zeros(STATES), np.diag(self._prior)
             if held is not None:
-                turned = turned - (turned @ held) * held
-            dcm = dcm @ to_dcm(exp(-turned))
-    chi2 = total / (3.0 * max(int(use.sum()), 1))
-    return Refined(dcm, state, covariance, int(order[-1]), inflated, chi2)
+                covariance[THETA:S, THETA:S] -= self._start_sigma**2 * np.outer(held, held)
+            z = self._beta @ dcm - self._alpha
+            inflated, total = _filter_kernel(
+                self._transition, z, *self._rows, state, covariance, *room
+            )
+            if repeat < PASSES - 1:
+                turned = theta_at(state, self._end, self._begin)[0]
+                if held is not None:
+                    turned = turned - (turned @ held) * held
+                dcm = dcm @ to_dcm(exp(-turned))
+        chi2 = total / (3.0 * self._used)
+        return Refined(dcm, state, covariance, self._last, inflated, chi2)
 
 
 def theta_at(state: FloatArray, reference: InertialRows, rows: InertialRows) -> FloatArray:
@@ -171,7 +187,7 @@ def theta_covariance(
     Parameters
     ----------
     covariance : ndarray, shape (22, 22)
-    known, wanted : InertialRows
+    reference, rows : InertialRows
         One row each.
 
     Returns
@@ -244,15 +260,15 @@ def _filter_kernel(  # type: ignore[no-untyped-def]
             f = transition[k]
             for i in range(6):
                 total = 0.0
-                for j in range(18):
-                    total += f[i, j] * x[j]
-                y_i = total
                 for col in range(n):
-                    total = 0.0
-                    for j in range(18):
-                        total += f[i, j] * p[j, col]
-                    moved[i, col] = total
-                gain[i, 0] = y_i
+                    moved[i, col] = 0.0
+                for j in range(18):
+                    g = f[i, j]
+                    if g != 0.0:
+                        total += g * x[j]
+                        for col in range(n):
+                            moved[i, col] += g * p[j, col]
+                gain[i, 0] = total
             for i in range(6):
                 x[i] = gain[i, 0]
                 for col in range(6, n):

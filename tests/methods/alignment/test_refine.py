@@ -7,7 +7,7 @@ from sinstool.core import rotation
 from sinstool.methods.alignment import refine as module
 from sinstool.methods.alignment.inflight import align_in_flight
 from sinstool.methods.alignment.inflight_types import TACTICAL, AlignmentSettings
-from sinstool.methods.alignment.refine import refine, theta_at, theta_covariance
+from sinstool.methods.alignment.refine import Refiner, theta_at, theta_covariance
 from sinstool.methods.alignment.solution import solve
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.gnss import GnssFaults, Receiver
@@ -26,7 +26,7 @@ def started(seed=1, receiver=None, end_s=np.inf):
 
 def run(segment, dcm, grade, **options):
     use = options.pop("use", np.ones(len(segment), dtype=bool))
-    return refine(segment.rows, segment.beta(), segment.sigma, use, dcm, grade, **options)
+    return Refiner(segment.rows, segment.beta(), segment.sigma, use, grade, **options)(dcm)
 
 
 def skew(v):
@@ -169,10 +169,8 @@ def test_unused_fixes_do_not_count():
     other = type(segment)(**{**vars(segment), "velocity_n": spoiled})
     skipped = run(segment, dcm, CONSTANT, use=use)
     # The integral of beta uses all velocities, a little.
-    anyway = refine(
-        segment.rows, segment.beta() + (other.beta() - segment.beta()) * ~use[:, None],
-        segment.sigma, use, dcm, CONSTANT,
-    )  # fmt: skip
+    beta = segment.beta() + (other.beta() - segment.beta()) * ~use[:, None]
+    anyway = Refiner(segment.rows, beta, segment.sigma, use, CONSTANT)(dcm)
     np.testing.assert_array_equal(anyway.state, skipped.state)
     assert np.abs(skipped.state - run(segment, dcm, CONSTANT).state).max() > 0.0
 
