@@ -29,13 +29,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
-from sinstool.core.rotation import exp, multiply, normalise, skew, to_dcm
-from sinstool.core.streams import GnssEpochs, concatenate, take_rows
-from sinstool.methods.ins_gnss import states
-from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.latency import Latency, LatencyStatus, inertial_velocity
-from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
+from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss.latency import Latency, LatencyStatus
+from sinstool.methods.ins_gnss.offset_scores import OffsetScores, offset_scores
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.velocity import Increments
 
@@ -56,14 +53,9 @@ has one axis; and seconds below which no other latency is spoken of."""
 # than the second is where it was said to be.
 _LEAST_SIGMA_M, LEAST_ARM_M = 0.03, 0.3
 _LEAST_SIGMA_S = 3e-4  # stamps and samples are no better
-_UPDATES = 4096  # at a time, for what a filter stores of them
-_HALF_S = 0.06  # velocity changes are taken over so much to either side
-_SETTLED_S = 20.0  # a filter's first innovations hold what is not linear in its start
 _STRETCH_S = 15.0  # scores of such stretches are independent of each other
 _LEAST = 20  # epochs
-_MOST_OFF = 1e6  # an estimate astray by more for each s or m, in SI units, is of a filter gone wild
 _FAR = 3.0  # innovations over what is usual in the log: beyond, they count the less
-_TOLERANCE_NS = 200
 # The latency used and its estimate are brought this near, s, or to so much of a sigma; they agree
 # where they are within a sigma or so many seconds.
 _AGREE_S, _AGREE, _APART_S = 1e-3, 0.2, 0.01
@@ -191,7 +183,7 @@ def estimate_offsets(
     ReceiverOffsets or None
         None where too few fixes lie within the updates, or the filter diverges.
     """
-    scores = _scores(start, settings, parts, gnss)
+    scores = offset_scores(start, settings, parts, gnss)
     if scores is None or len(scores) < _LEAST:
         return None
     assumed = np.asarray(settings.lever_arm_b if assumed_b is None else assumed_b, np.float64)
@@ -284,25 +276,8 @@ def settle(
     return used, offsets, agrees
 
 
-@dataclass(frozen=True)
-class _Scores:
-    """What each epoch says of latency and arm; arrays of n rows."""
-
-    time_ns: IntArray
-    information: FloatArray  # (n, 4, 4)
-    score: FloatArray  # (n, 4)
-    nis: FloatArray
-    rows: FloatArray
-    turned: FloatArray  # (n, 3, 4, 4)
-    used: BoolArray
-    begins: BoolArray  # the filter began anew
-
-    def __len__(self) -> int:
-        return len(self.time_ns)
-
-
 def _solved(
-    scores: _Scores, here: FloatArray, usual: FloatArray, arm_m: float
+    scores: OffsetScores, here: FloatArray, usual: FloatArray, arm_m: float
 ) -> tuple[FloatArray, FloatArray, float]:
     """Latency and arm, their covariance, and the misfit that is left.
 
@@ -334,7 +309,7 @@ def _solved(
     return here + b, covariance * np.outer(more, more) + least, misfit
 
 
-def _robust(scores: _Scores) -> _Scores:
+def _robust(scores: OffsetScores) -> OffsetScores:
     """Scores of which no single epoch weighs more than usual ones do (after Huber 1964).
 
     A bad fix may be many thousand sigmas off, and says of a latency as much as all others.
@@ -349,144 +324,3 @@ def _robust(scores: _Scores) -> _Scores:
         nis=scores.nis * weight,
         rows=scores.rows * weight,
     )
-
-
-def _scores(
-    start: Start, settings: Settings, parts: Iterable[Increments], gnss: GnssEpochs
-) -> _Scores | None:
-    """Of a filter with all the states that there are without a barometer, None if it diverges."""
-    plain = replace(
-        settings,
-        filter="markov-27",
-        network=None,
-        feedback="closed",
-        control=replace(settings.control, adaptive="off", schmidt_epsilon=0.0),
-    )
-    run = InsGnssFilter(start, plain, with_baro=False, store=True)
-    off: FloatArray | None = None
-    rows: list[_Scores] = []
-    fixes: GnssEpochs | None = gnss
-    for part in parts:
-        for first in range(0, len(part.time_ns), _UPDATES):
-            piece = take_rows(part, slice(first, first + _UPDATES))
-            block = run.push(piece, fixes)
-            fixes = None
-            if off is None:
-                off = _at_start(run, block, piece.interval)
-            with np.errstate(over="ignore", invalid="ignore"):
-                some, off = _of_block(run, block, piece.interval, off)
-            if not np.abs(off).max() < _MOST_OFF:
-                return None
-            rows.append(some)
-    scores = concatenate(rows)
-    settled = np.ones(len(scores), dtype=bool)
-    for begun in [*scores.time_ns[:1], *scores.time_ns[scores.begins]]:
-        after = (scores.time_ns - begun) * 1e-9
-        settled &= (after < 0.0) | (after > _SETTLED_S)
-    return take_rows(scores, settled & scores.used)
-
-
-def _at_start(run: InsGnssFilter, block: FilterBlock, interval: FloatArray) -> FloatArray:
-    """V at the start, whose position and velocity are those of the fixes: innovations are 0."""
-    assert block.updates is not None
-    _, d = _rows_of_fixes(run, block.updates, interval, block.updates.time_ns[:1])
-    off = np.zeros((run.kind.size, 4))
-    off[:6] = -d[0]
-    return off
-
-
-def _of_block(
-    run: InsGnssFilter, block: FilterBlock, interval: FloatArray, off: FloatArray
-) -> tuple[_Scores, FloatArray]:
-    """Scores of a block's epochs, and V at its end from `off` at its start."""
-    stored, gnss = block.stored, block.gnss
-    assert block.updates is not None and stored is not None
-    h, d = _rows_of_fixes(run, block.updates, interval, gnss.time_ns)
-    there = np.isfinite(gnss.innovation)
-    h, d = h * there[:, :, None], d * there[:, :, None]
-    noise = np.where(there, gnss.measurement_sigma**2, 1.0)
-    nu = np.where(there, gnss.innovation, 0.0)
-    # Epochs of one instant follow each other: the first of each, the second of each, ...
-    row = np.searchsorted(stored.time_ns, gnss.time_ns - _TOLERANCE_NS)
-    turn = np.arange(len(row)) - np.searchsorted(row, row)
-    p = stored.covariance_before[np.minimum(row, len(stored) - 1)]
-    gain = np.zeros((len(row), h.shape[2], 6))
-    inverse = np.zeros((len(row), 6, 6))
-    for k in range(int(turn.max()) + 1 if len(turn) else 0):
-        now = turn == k
-        hp = h[now] @ p[now]
-        s = hp @ np.swapaxes(h[now], 1, 2) + noise[now][:, :, None] * np.eye(6)
-        inverse[now] = np.linalg.inv(s)
-        gain[now] = np.swapaxes(hp, 1, 2) @ inverse[now] * gnss.used[now][:, None, None]
-        after = p[now] - gain[now] @ hp
-        following = np.flatnonzero(now) + 1
-        more = following < len(row)
-        more[more] = turn[following[more]] == k + 1
-        p[following[more]] = after[more]
-    shown, turned = np.empty((len(row), 6, 4)), np.empty((len(row), 3, 4))
-    epoch = 0
-    for i, transition in enumerate(stored.transition):
-        off = transition @ off
-        while epoch < len(row) and row[epoch] <= i:
-            shown[epoch] = h[epoch] @ off + d[epoch]
-            off = off - gain[epoch] @ shown[epoch]
-            turned[epoch] = off[states.ATTITUDE : states.ATTITUDE + 3]
-            epoch += 1
-    weighed = np.swapaxes(shown, 1, 2) @ inverse
-    scores = _Scores(
-        gnss.time_ns,
-        weighed @ shown,
-        np.einsum("kij,kj->ki", weighed, nu),
-        np.einsum("ki,kij,kj->k", nu, inverse, nu),
-        there.sum(axis=1).astype(np.float64),
-        turned[:, :, :, None] * turned[:, :, None, :],
-        gnss.used,
-        gnss.restarted,
-    )
-    return scores, off
-
-
-def _rows_of_fixes(
-    run: InsGnssFilter, updates: UpdateColumns, interval: FloatArray, valid_ns: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """How innovations depend on the states, (n, 6, states), and on latency and arm, (n, 6, 4)."""
-    seconds = (updates.time_ns - updates.time_ns[0]) * 1e-9
-    at = (valid_ns - updates.time_ns[0]) * 1e-9
-    # What the filter took off would bring its innovations' noise into what they are held against:
-    # velocities and attitudes are those before the fix, and change as the IMU says.
-    before = np.concatenate([updates.q_nb[:1], updates.q_nb[:-1]])
-    sign = np.sign(np.sum(before * updates.q_nb, axis=1, keepdims=True))
-    turn = exp(updates.omega_ib_b[1:] * interval[1:, None])
-    c_nb = to_dcm(np.concatenate([updates.q_nb[:1], multiply(before[1:], turn)]))
-    arm = np.asarray(run.settings.lever_arm_b)
-    # The rate times the arm, as a row
-    swing = np.einsum("kij,kj->ki", c_nb, updates.omega_ib_b @ skew(arm))
-    free = swing + inertial_velocity(
-        normalise(before * sign + updates.q_nb),
-        updates.specific_force_b * interval[:, None],
-        interval,
-        updates.latitude,
-        updates.height,
-        updates.velocity_n,
-    )
-
-    def moving(when: FloatArray) -> FloatArray:
-        return np.column_stack([np.interp(when, seconds, free[:, i]) for i in range(3)])
-
-    k = np.minimum(np.searchsorted(updates.time_ns, valid_ns - _TOLERANCE_NS), len(seconds) - 1)
-    last = np.maximum(k - 1, 0)
-    h = np.zeros((len(k), 6, run.kind.size))
-    h[:, range(6), range(6)] = 1.0
-    h[:, range(3), range(3, 6)] = (at - seconds[k])[:, None]
-    h[:, :3, states.ATTITUDE : states.ATTITUDE + 3] = skew(c_nb[k] @ arm)
-    h[:, 3:, states.ATTITUDE : states.ATTITUDE + 3] = skew(swing[k])
-    gyro, lasting = run.kind.first(states.GYRO_BIAS), run.kind.first(states.GNSS_POSITION)
-    h[:, 3:, gyro : gyro + 3] = -c_nb[k] @ skew(arm)
-    h[:, range(6), range(lasting, lasting + 6)] = -1.0
-    d = np.zeros((len(k), 6, 4))
-    d[:, :3, 0] = (updates.velocity_n + swing - free)[last] + moving(at)
-    ends = np.clip([at - _HALF_S, at + _HALF_S], seconds[0], seconds[-1])
-    d[:, 3:, 0] = (moving(ends[1]) - moving(ends[0])) / np.maximum(ends[1] - ends[0], 1e-3)[:, None]
-    d[:, :3, 1:] = -c_nb[k]
-    d[:, 3:, 1:] = -c_nb[k] @ skew(updates.omega_ib_b[k])
-    return h, d

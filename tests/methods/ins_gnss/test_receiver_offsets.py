@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sinstool.methods.ins_gnss import receiver_offsets
+from sinstool.methods.ins_gnss.offset_scores import OffsetScores
 from sinstool.methods.ins_gnss.receiver_offsets import (
     _FAR,
     _LEAST,
@@ -14,7 +15,6 @@ from sinstool.methods.ins_gnss.receiver_offsets import (
     ARM_UNKNOWN_M,
     LATENCY_S,
     _robust,
-    _Scores,
     _solved,
     estimate_offsets,
 )
@@ -29,7 +29,7 @@ def scores(nis, rows=6.0, latency=0.05, weight=400.0):
     many = np.full(n, rows)
     none = np.zeros(n, bool)
     seconds = np.arange(n, dtype=np.int64) * 10**9
-    return _Scores(
+    return OffsetScores(
         seconds, information, score, np.asarray(nis), many, np.zeros((n, 3, 4, 4)), ~none, none
     )
 
@@ -89,6 +89,6 @@ def test_innovations_beyond_what_is_expected_make_offsets_that_much_less_certain
 
 @pytest.mark.parametrize("count", [_LEAST - 1, _LEAST])
 def test_a_few_epochs_give_no_offsets(monkeypatch, count):
-    monkeypatch.setattr(receiver_offsets, "_scores", lambda *_: scores(np.full(count, 6.0)))
+    monkeypatch.setattr(receiver_offsets, "offset_scores", lambda *_: scores(np.full(count, 6.0)))
     found = estimate_offsets(None, Settings(), [], None)
     assert (found is None) == (count < _LEAST)

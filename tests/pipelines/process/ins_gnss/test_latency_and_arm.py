@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sinstool.core.streams import GnssEpochs, take_rows
-from sinstool.methods.ins_gnss import receiver_offsets
+from sinstool.methods.ins_gnss import offset_scores, receiver_offsets
 from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.methods.ins_gnss.receiver_offsets import (
     LATENCY_S,
@@ -303,7 +303,7 @@ def test_a_filter_that_diverges_shows_no_offsets(tmp_path, road, monkeypatch):
     shown = estimate_offsets(first.start, first.settings, [motion], first.used)
     assert shown is not None and shown.observable
     # A wild one is off by 1e40 for each second; this one by no more than the vehicle's speed
-    monkeypatch.setattr(receiver_offsets, "_MOST_OFF", 1.0)
+    monkeypatch.setattr(offset_scores, "_MOST_OFF", 1.0)
     assert estimate_offsets(first.start, first.settings, [motion], first.used) is None
 
 

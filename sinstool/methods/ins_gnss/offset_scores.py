@@ -1,0 +1,247 @@
+"""What the innovations of a filter say of latency and lever arm: see `receiver_offsets`.
+
+``V`` and ``D`` are those of its equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.parts import kernel
+from sinstool.core.rotation import exp, multiply, normalise, skew, to_dcm
+from sinstool.core.streams import GnssEpochs, concatenate, take_rows
+from sinstool.methods.ins_gnss import states
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.latency import inertial_velocity
+from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
+from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.strapdown.velocity import Increments
+
+_UPDATES = 4096  # at a time, for what a filter stores of them
+_HALF_S = 0.06  # velocity changes are taken over so much to either side
+_SETTLED_S = 20.0  # a filter's first innovations hold what is not linear in its start
+_MOST_OFF = 1e6  # an estimate astray by more for each s or m, in SI units, is of a filter gone wild
+_TOLERANCE_NS = 200
+
+
+@dataclass(frozen=True)
+class OffsetScores:
+    """What each epoch says of latency and arm; arrays of n rows."""
+
+    time_ns: IntArray
+    information: FloatArray  # (n, 4, 4)
+    score: FloatArray  # (n, 4)
+    nis: FloatArray
+    rows: FloatArray
+    turned: FloatArray  # (n, 3, 4, 4)
+    used: BoolArray
+    begins: BoolArray  # the filter began anew
+
+    def __len__(self) -> int:
+        return len(self.time_ns)
+
+
+def offset_scores(
+    start: Start, settings: Settings, parts: Iterable[Increments], gnss: GnssEpochs
+) -> OffsetScores | None:
+    """Of a filter with all the states that there are without a barometer, None if it diverges."""
+    plain = replace(
+        settings,
+        filter="markov-27",
+        network=None,
+        feedback="closed",
+        control=replace(settings.control, adaptive="off", schmidt_epsilon=0.0),
+    )
+    run = InsGnssFilter(start, plain, with_baro=False, store=True)
+    off: FloatArray | None = None
+    rows: list[OffsetScores] = []
+    fixes: GnssEpochs | None = gnss
+    for part in parts:
+        for first in range(0, len(part.time_ns), _UPDATES):
+            piece = take_rows(part, slice(first, first + _UPDATES))
+            block = run.push(piece, fixes)
+            fixes = None
+            if off is None:
+                off = _at_start(run, block, piece.interval)
+            with np.errstate(over="ignore", invalid="ignore"):
+                some, off = _of_block(run, block, piece.interval, off)
+            if not np.abs(off).max() < _MOST_OFF:
+                return None
+            rows.append(some)
+    scores = concatenate(rows)
+    settled = np.ones(len(scores), dtype=bool)
+    for begun in [*scores.time_ns[:1], *scores.time_ns[scores.begins]]:
+        after = (scores.time_ns - begun) * 1e-9
+        settled &= (after < 0.0) | (after > _SETTLED_S)
+    return take_rows(scores, settled & scores.used)
+
+
+def _at_start(run: InsGnssFilter, block: FilterBlock, interval: FloatArray) -> FloatArray:
+    """V at the start, whose position and velocity are those of the fixes: innovations are 0."""
+    assert block.updates is not None
+    _, d = _rows_of_fixes(run, block.updates, interval, block.updates.time_ns[:1])
+    off = np.zeros((run.kind.size, 4))
+    off[:6] = -d[0]
+    return off
+
+
+def _of_block(
+    run: InsGnssFilter, block: FilterBlock, interval: FloatArray, off: FloatArray
+) -> tuple[OffsetScores, FloatArray]:
+    """Scores of a block's epochs, and V at its end from `off` at its start."""
+    stored, gnss = block.stored, block.gnss
+    assert block.updates is not None and stored is not None
+    h, d = _rows_of_fixes(run, block.updates, interval, gnss.time_ns)
+    there = np.isfinite(gnss.innovation)
+    h, d = h * there[:, :, None], d * there[:, :, None]
+    noise = np.where(there, gnss.measurement_sigma**2, 1.0)
+    nu = np.where(there, gnss.innovation, 0.0)
+    # Epochs of one instant follow each other: the first of each, the second of each, ...
+    row = np.searchsorted(stored.time_ns, gnss.time_ns - _TOLERANCE_NS)
+    turn = np.arange(len(row)) - np.searchsorted(row, row)
+    p = stored.covariance_before[np.minimum(row, len(stored) - 1)]
+    gain = np.zeros((len(row), h.shape[2], 6))
+    inverse = np.zeros((len(row), 6, 6))
+    for k in range(int(turn.max()) + 1 if len(turn) else 0):
+        now = turn == k
+        hp = h[now] @ p[now]
+        s = hp @ np.swapaxes(h[now], 1, 2) + noise[now][:, :, None] * np.eye(6)
+        inverse[now] = np.linalg.inv(s)
+        gain[now] = np.swapaxes(hp, 1, 2) @ inverse[now] * gnss.used[now][:, None, None]
+        after = p[now] - gain[now] @ hp
+        following = np.flatnonzero(now) + 1
+        more = following < len(row)
+        more[more] = turn[following[more]] == k + 1
+        p[following[more]] = after[more]
+    shown, turned = np.empty((len(row), 6, 4)), np.empty((len(row), 3, 4))
+    off = off.copy()
+    _gone_astray(stored.transition, row, h, d, gain, off, shown, turned, np.empty_like(off))
+    weighed = np.swapaxes(shown, 1, 2) @ inverse
+    scores = OffsetScores(
+        gnss.time_ns,
+        weighed @ shown,
+        np.einsum("kij,kj->ki", weighed, nu),
+        np.einsum("ki,kij,kj->k", nu, inverse, nu),
+        there.sum(axis=1).astype(np.float64),
+        turned[:, :, :, None] * turned[:, :, None, :],
+        gnss.used,
+        gnss.restarted,
+    )
+    return scores, off
+
+
+@kernel(vectorizes=False)
+def _gone_astray(
+    transition: FloatArray,
+    row: IntArray,
+    h: FloatArray,
+    d: FloatArray,
+    gain: FloatArray,
+    off: FloatArray,
+    shown: FloatArray,
+    turned: FloatArray,
+    before: FloatArray,
+) -> None:
+    """Carry V on over stored rows, and note what it shows in the innovations of each epoch.
+
+    Parameters
+    ----------
+    transition : ndarray, shape (m, n, n)
+        To each row.
+    row : ndarray of int64, shape (k,)
+        Of each epoch, not decreasing.
+    h, d, gain : ndarray, shape (k, 6, n), (k, 6, 4) and (k, n, 6)
+    off : ndarray, shape (n, 4)
+        V, changed in place.
+    shown, turned : ndarray, shape (k, 6, 4) and (k, 3, 4)
+        Get ``H V + D``, and V of the attitude after the epoch.
+    before : ndarray, shape (n, 4)
+        Room to work in.
+    """
+    n = len(off)
+    epoch = 0
+    for i in range(len(transition)):
+        for a in range(n):
+            for c in range(4):
+                before[a, c] = off[a, c]
+                off[a, c] = 0.0
+        for a in range(n):
+            for b in range(n):
+                f = transition[i, a, b]
+                if f != 0.0:
+                    for c in range(4):
+                        off[a, c] += f * before[b, c]
+        while epoch < len(row) and row[epoch] <= i:
+            for a in range(6):
+                for c in range(4):
+                    shown[epoch, a, c] = d[epoch, a, c]
+                for b in range(n):
+                    f = h[epoch, a, b]
+                    if f != 0.0:
+                        for c in range(4):
+                            shown[epoch, a, c] += f * off[b, c]
+            for a in range(n):
+                for b in range(6):
+                    f = gain[epoch, a, b]
+                    for c in range(4):
+                        off[a, c] -= f * shown[epoch, b, c]
+            for a in range(3):
+                for c in range(4):
+                    turned[epoch, a, c] = off[states.ATTITUDE + a, c]
+            epoch += 1
+
+
+def _rows_of_fixes(
+    run: InsGnssFilter, updates: UpdateColumns, interval: FloatArray, valid_ns: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """How innovations depend on the states, (n, 6, states), and on latency and arm, (n, 6, 4)."""
+    seconds = (updates.time_ns - updates.time_ns[0]) * 1e-9
+    at = (valid_ns - updates.time_ns[0]) * 1e-9
+    # What the filter took off would bring its innovations' noise into what they are held against:
+    # velocities and attitudes are those before the fix, and change as the IMU says.
+    before = np.concatenate([updates.q_nb[:1], updates.q_nb[:-1]])
+    sign = np.sign(np.sum(before * updates.q_nb, axis=1, keepdims=True))
+    free = inertial_velocity(
+        normalise(before * sign + updates.q_nb),
+        updates.specific_force_b * interval[:, None],
+        interval,
+        updates.latitude,
+        updates.height,
+        updates.velocity_n,
+    )
+    k = np.minimum(np.searchsorted(updates.time_ns, valid_ns - _TOLERANCE_NS), len(seconds) - 1)
+    last = np.maximum(k - 1, 0)
+    ends = np.clip([at - _HALF_S, at + _HALF_S], seconds[0], seconds[-1])
+    # Only where it is asked for: updates are many more than what lies beside fixes
+    after = np.searchsorted(seconds, np.concatenate([at, *ends]), side="right")
+    some = np.unique(np.concatenate([k, last, after - 1, after]).clip(0, len(seconds) - 1))
+    rate = updates.omega_ib_b[some]
+    turn = exp(np.where(some > 0, interval[some], 0.0)[:, None] * rate)
+    c_nb = to_dcm(multiply(before[some], turn))
+    arm = np.asarray(run.settings.lever_arm_b)
+    # The rate times the arm, as a row
+    swing = np.einsum("kij,kj->ki", c_nb, rate @ skew(arm))
+    seconds, free, velocity_n = seconds[some], free[some] + swing, updates.velocity_n[some]
+    k, last = np.searchsorted(some, k), np.searchsorted(some, last)
+
+    def moving(when: FloatArray) -> FloatArray:
+        return np.column_stack([np.interp(when, seconds, free[:, i]) for i in range(3)])
+
+    h = np.zeros((len(k), 6, run.kind.size))
+    h[:, range(6), range(6)] = 1.0
+    h[:, range(3), range(3, 6)] = (at - seconds[k])[:, None]
+    h[:, :3, states.ATTITUDE : states.ATTITUDE + 3] = skew(c_nb[k] @ arm)
+    h[:, 3:, states.ATTITUDE : states.ATTITUDE + 3] = skew(swing[k])
+    gyro, lasting = run.kind.first(states.GYRO_BIAS), run.kind.first(states.GNSS_POSITION)
+    h[:, 3:, gyro : gyro + 3] = -c_nb[k] @ skew(arm)
+    h[:, range(6), range(lasting, lasting + 6)] = -1.0
+    d = np.zeros((len(k), 6, 4))
+    d[:, :3, 0] = (velocity_n + swing - free)[last] + moving(at)
+    d[:, 3:, 0] = (moving(ends[1]) - moving(ends[0])) / np.maximum(ends[1] - ends[0], 1e-3)[:, None]
+    d[:, :3, 1:] = -c_nb[k]
+    d[:, 3:, 1:] = -c_nb[k] @ skew(rate[k])
+    return h, d
