@@ -1,4 +1,4 @@
-"""Covariances of many vectors that are turned, or that others are made of: ``A M A^T``, compiled.
+"""Covariances of many vectors in the axes of a body, compiled.
 
 NumPy calls a routine of its own for each of the small matrices.
 """
@@ -9,44 +9,42 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import kernel
+from sinstool.core.quaternion_kernels import dcm
 
 
-def congruent(a: FloatArray, m: FloatArray) -> FloatArray:
-    """``A M A^T`` of each pair of matrices.
+def turned_back(q: FloatArray, m: FloatArray, sign: FloatArray) -> FloatArray:
+    """``S C^T M C S`` of each quaternion and matrix, with C the turn and S a diagonal of signs.
 
     Parameters
     ----------
-    a : ndarray, shape (n, i, j)
-    m : ndarray, shape (n, j, j) or (j, j)
-        Symmetric; one for all, or one for each.
+    q : ndarray, shape (n, 4)
+        Units, scalar first.
+    m : ndarray, shape (n, 3, 3)
+        Symmetric.
+    sign : ndarray, shape (3,)
 
     Returns
     -------
-    ndarray, shape (n, i, i)
+    ndarray, shape (n, 3, 3)
         Symmetric to the last bit.
     """
-    count, rows, columns = a.shape
-    each = m.reshape(-1, columns, columns)
-    if len(each) not in (1, count):
-        raise ValueError(f"Expected one matrix or {count}, got {len(each)}.")
-    out = np.empty((count, rows, rows))
-    _congruent(np.ascontiguousarray(a), np.ascontiguousarray(each), out)
+    out = np.empty(m.shape)
+    _turned_back(np.ascontiguousarray(q), np.ascontiguousarray(m), sign, out)
     return out
 
 
-@kernel()
-def _congruent(a: FloatArray, m: FloatArray, out: FloatArray) -> None:
-    count, rows, columns = a.shape
-    step = 1 if len(m) == count else 0
-    for n in range(count):
-        one = m[n * step]
-        for i in range(rows):
-            for j in range(i + 1):
-                total = 0.0
-                for k in range(columns):
-                    part = 0.0
-                    for p in range(columns):
-                        part += a[n, i, p] * one[p, k]
-                    total += part * a[n, j, k]
-                out[n, i, j] = total
-                out[n, j, i] = total
+@kernel(vectorizes=False)
+def _turned_back(q: FloatArray, m: FloatArray, sign: FloatArray, out: FloatArray) -> None:
+    for n in range(len(q)):
+        c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(q[n, 0], q[n, 1], q[n, 2], q[n, 3])
+        columns = ((c00, c10, c20), (c01, c11, c21), (c02, c12, c22))
+        one = m[n]
+        for i, (a, b, c) in enumerate(columns):
+            x = a * one[0, 0] + b * one[1, 0] + c * one[2, 0]
+            y = a * one[0, 1] + b * one[1, 1] + c * one[2, 1]
+            z = a * one[0, 2] + b * one[1, 2] + c * one[2, 2]
+            for j, (d, e, f) in enumerate(columns):
+                if j <= i:
+                    total = (x * d + y * e + z * f) * (sign[i] * sign[j])
+                    out[n, i, j] = total
+                    out[n, j, i] = total

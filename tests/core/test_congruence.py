@@ -1,30 +1,33 @@
-"""Congruent matrices are those that NumPy computes, and symmetric."""
+"""Covariances in the axes of a body."""
 
 import numpy as np
 import pytest
 
-from sinstool.core.congruence import congruent
+from sinstool.core.congruence import turned_back
+from sinstool.core.rotation import normalise, to_dcm
 
 
-@pytest.mark.parametrize(("rows", "columns", "one"), [(3, 3, False), (3, 4, True), (2, 5, False)])
-def test_products_of_matrices(rows, columns, one):
-    rng = np.random.default_rng(8)
-    a = rng.normal(size=(50, rows, columns))
-    m = rng.normal(size=(columns, columns) if one else (50, columns, columns))
-    m = m + np.swapaxes(m, -1, -2)
-    found = congruent(a, m)
-    np.testing.assert_allclose(found, a @ m @ np.swapaxes(a, 1, 2), rtol=0, atol=1e-13)
+def some(count=7):
+    rng = np.random.default_rng(5)
+    a = rng.standard_normal((count, 3, 3))
+    return normalise(rng.standard_normal((count, 4))), a @ np.swapaxes(a, 1, 2)
+
+
+@pytest.mark.parametrize("sign", [(1.0, 1.0, 1.0), (1.0, -1.0, -1.0)])
+def test_as_by_products_of_matrices(sign):
+    q, m = some()
+    turn = to_dcm(q) * np.array(sign)
+    found = turned_back(q, m, np.array(sign))
+    np.testing.assert_allclose(found, np.swapaxes(turn, 1, 2) @ m @ turn, rtol=1e-12, atol=1e-14)
     np.testing.assert_array_equal(found, np.swapaxes(found, 1, 2))
 
 
-def test_matrices_that_lie_otherwise_in_memory():
-    rng = np.random.default_rng(9)
-    a, m = rng.normal(size=(7, 4, 4)), np.eye(4) * np.arange(1.0, 8.0)[:, None, None]
-    turned = np.swapaxes(a, 1, 2)
-    np.testing.assert_array_equal(congruent(turned, m), congruent(turned.copy(), m))
+def test_of_columns_that_are_not_in_one_piece():
+    q, m = some(10)
+    sign = np.ones(3)
+    found = turned_back(q[::2], m[::2], sign)
+    np.testing.assert_array_equal(found, turned_back(q[::2].copy(), m[::2].copy(), sign))
 
 
-def test_none_and_too_few():
-    assert congruent(np.empty((0, 3, 3)), np.eye(3)).shape == (0, 3, 3)
-    with pytest.raises(ValueError, match="one matrix or 4"):
-        congruent(np.ones((4, 3, 3)), np.ones((2, 3, 3)))
+def test_of_nothing():
+    assert turned_back(np.empty((0, 4)), np.empty((0, 3, 3)), np.ones(3)).shape == (0, 3, 3)

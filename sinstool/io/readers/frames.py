@@ -11,8 +11,11 @@ import numpy as np
 # Half turn about x: takes FLU to FRD and back.
 _FLIP = np.array([1.0, -1.0, -1.0])
 # Where each element of a covariance in ENU stands in NED, row by row, and its sign.
-_WORLD_PLACE = [4, 3, 5, 1, 0, 2, 7, 6, 8]
-_WORLD_SIGN = np.array([1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
+_WORLD = (
+    *((4, 1.0), (3, 1.0), (5, -1.0)),
+    *((1, 1.0), (0, 1.0), (2, -1.0)),
+    *((7, -1.0), (6, -1.0), (8, 1.0)),
+)
 _SQRT_HALF = np.sqrt(0.5)
 
 
@@ -57,8 +60,11 @@ def enu_to_ned_covariance(covariance: np.ndarray) -> np.ndarray:
     ndarray, shape (..., 3, 3)
     """
     flat = covariance.reshape(*covariance.shape[:-2], 9)
-    # Adding zero leaves no negative zero.
-    return (flat[..., _WORLD_PLACE] * _WORLD_SIGN + 0.0).reshape(covariance.shape)
+    out = np.empty(flat.shape)
+    for k, (place, sign) in enumerate(_WORLD):
+        np.multiply(flat[..., place], sign, out=out[..., k])
+    out += 0.0  # which leaves no negative zero
+    return out.reshape(covariance.shape)
 
 
 _Parts = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]

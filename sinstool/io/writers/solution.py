@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 
 from sinstool.core import earth
-from sinstool.core.congruence import congruent
-from sinstool.core.rotation import conjugate, multiply, rotate, to_dcm, to_euler
+from sinstool.core.congruence import turned_back
+from sinstool.core.rotation import conjugate, multiply, rotate, to_euler
 from sinstool.core.streams import Diagnostics, Solution, concatenate
 from sinstool.io.messages.definitions import md5_sum, ros1_type_name, schema_text, type_hash
 from sinstool.io.messages.encode import Encoder
@@ -124,8 +124,8 @@ class Rows:
 
     def in_body(self, covariance_n: np.ndarray) -> np.ndarray:
         """NED covariances in the log's body axes."""
-        c_nb = turn_body(to_dcm(self.solution.q_nb), self.frames.body_axes)
-        return congruent(np.swapaxes(c_nb, 1, 2), covariance_n)
+        sign = turn_body(np.ones(3), self.frames.body_axes)
+        return turned_back(self.solution.q_nb, covariance_n, sign)
 
 
 def stamp(time_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
