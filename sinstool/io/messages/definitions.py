@@ -14,14 +14,8 @@ from functools import lru_cache
 from itertools import islice
 from typing import Any
 
-from rosbags.interfaces import Nodetype
-from rosbags.typesys import (
-    Stores,
-    TypesysError,
-    get_types_from_idl,
-    get_types_from_msg,
-    get_typestore,
-)
+# rosbags is imported where it is asked, as with its parsers that takes longer than to read a small
+# log: what the usual types look like lies beside this module.
 
 ENCODINGS = ("cdr", "ros1")
 # The largest standard schema has 12 kB; a hostile one must not cost the time to parse it.
@@ -150,21 +144,16 @@ def parse_definition(type_name: str, schema_encoding: str, text: str, encoding: 
         raise DefinitionError(f"unsupported schema encoding '{schema_encoding}'")
     if len(text) > MAX_SCHEMA:
         raise DefinitionError(f"schema of {type_name} has {len(text)} characters")
-    parsed: dict[str, Any] = {}
-    if text.strip():
-        # The grammar knows neither \r\n nor blanks at the end of a line; recorders write both.
-        lines = [line.rstrip() for line in text.split("\n")]
-        try:
-            if schema_encoding == "ros2idl":
-                # All files in one text: what holds them together is no part of the grammar
-                seams = ("#include", "=" * 80, "IDL: ")
-                lines = [line for line in lines if not line.lstrip().startswith(seams)]
-                parsed = dict(get_types_from_idl("\n".join(lines)))
-            else:
-                parsed = dict(get_types_from_msg("\n".join(lines), name))
-        except Exception as exc:  # rosbags' parser raises classes of its own and others'
-            reason = " ".join(str(exc).split())[:120]
-            raise DefinitionError(f"schema of {type_name} cannot be parsed ({reason})") from exc
+    ready = _standard_fields(name, text, encoding)
+    if ready is not None:
+        return Definition(name, encoding, ready)
+    return definition_of(type_name, schema_encoding, text, encoding)
+
+
+def definition_of(type_name: str, schema_encoding: str, text: str, encoding: str) -> Definition:
+    """A definition as rosbags parses it, be the type a standard one or not."""
+    name = normalise_type_name(type_name)
+    parsed = _parsed(type_name, schema_encoding, text)
     if name not in parsed:
         parsed = _standard_types(encoding) | parsed
     if name not in parsed:
@@ -175,6 +164,51 @@ def parse_definition(type_name: str, schema_encoding: str, text: str, encoding: 
     _collect(name, parsed, types, encoding)
     _refuse_recursion(name, types, (), set())
     return Definition(name, encoding, types)
+
+
+def _standard_fields(
+    name: str, text: str, encoding: str
+) -> dict[str, tuple[tuple[str, FieldType], ...]] | None:
+    """Fields of a standard type and all it nests, if a schema is that of one, or empty."""
+    of_types = _standard_file()[encoding]
+    if name not in of_types or (text.strip() and _plain(text) != _plain(of_types[name][0])):
+        return None
+    fields = _standard_file()["fields"][encoding]
+    return {
+        each: tuple((field, FieldType(*ftype)) for field, *ftype in fields[each])
+        for each in of_types[name][2]
+    }
+
+
+def _plain(text: str) -> tuple[str, frozenset[str]]:
+    """A schema without remarks and blanks: the type itself, and those that it nests in any order.
+
+    What is no remark, but a text with a # in it, makes it unlike any standard type.
+    """
+    lines = (" ".join(line.partition("#")[0].split()) for line in text.split("\n"))
+    plain = "\n".join(line.replace(" =", "=").replace("= ", "=") for line in lines if line)
+    first, *others = plain.split("=" * 80)
+    return first.strip(), frozenset(other.strip() for other in others)
+
+
+def _parsed(type_name: str, schema_encoding: str, text: str) -> dict[str, Any]:
+    """Types of a schema, as rosbags parses it."""
+    if not text.strip():
+        return {}
+    from rosbags.typesys import get_types_from_idl, get_types_from_msg
+
+    # The grammar knows neither \r\n nor blanks at the end of a line; recorders write both.
+    lines = [line.rstrip() for line in text.split("\n")]
+    try:
+        if schema_encoding == "ros2idl":
+            # All files in one text: what holds them together is no part of the grammar
+            seams = ("#include", "=" * 80, "IDL: ")
+            lines = [line for line in lines if not line.lstrip().startswith(seams)]
+            return dict(get_types_from_idl("\n".join(lines)))
+        return dict(get_types_from_msg("\n".join(lines), normalise_type_name(type_name)))
+    except Exception as exc:  # rosbags' parser raises classes of its own and others'
+        reason = " ".join(str(exc).split())[:120]
+        raise DefinitionError(f"schema of {type_name} cannot be parsed ({reason})") from exc
 
 
 def schema_text(type_name: str, encoding: str) -> str:
@@ -208,15 +242,16 @@ def md5_sum(type_name: str) -> str:
 def _standard(type_name: str, encoding: str) -> tuple[str, str]:
     """Schema text and hash of a standard type.
 
-    Those of the results lie beside this module: rosbags' collections take longer to import than
-    some logs to process.
+    Those of the usual types lie beside this module.
     """
-    result = _results()[encoding].get(type_name)
-    return (result[0], result[1]) if result else collected(type_name, encoding)
+    usual = _standard_file()[encoding].get(type_name)
+    return (usual[0], usual[1]) if usual else collected(type_name, encoding)
 
 
 def collected(type_name: str, encoding: str) -> tuple[str, str]:
     """Schema text and hash of a standard type out of rosbags' collection."""
+    from rosbags.typesys import TypesysError
+
     store = _store(encoding)
     try:
         text, md5 = store.generate_msgdef(type_name, ros_version=1 if encoding == "ros1" else 2)
@@ -226,15 +261,16 @@ def collected(type_name: str, encoding: str) -> tuple[str, str]:
 
 
 @lru_cache(maxsize=1)
-def _results() -> dict[str, dict[str, list[str]]]:
-    content = pkgutil.get_data(__name__, "results.json")
+def _standard_file() -> dict[str, dict[str, Any]]:
+    content = pkgutil.get_data(__name__, "standard.json")
     assert content is not None
-    types: dict[str, dict[str, list[str]]] = json.loads(content)
-    return types
+    return dict(json.loads(content))
 
 
 @lru_cache(maxsize=2)
 def _store(encoding: str) -> Any:
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
     if encoding != "ros1":
         return get_typestore(Stores.ROS2_HUMBLE)
     store = get_typestore(Stores.ROS1_NOETIC)
@@ -303,6 +339,8 @@ def _refuse_recursion(
 
 
 def _field_type(descriptor: Any) -> FieldType:
+    from rosbags.interfaces import Nodetype
+
     node, value = descriptor
     if node == Nodetype.BASE:
         return FieldType("base", value[0])
