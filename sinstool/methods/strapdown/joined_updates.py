@@ -32,6 +32,9 @@ from sinstool.core.quaternion_kernels import (
 from sinstool.core.timeline import SECOND
 from sinstool.methods.strapdown.velocity import Increments
 
+# What only compares navigations, or looks at a vehicle by steps of this, joins its updates as long
+# as they stay shorter, s. That changes the noise that they show of an Imu by less than 1 %.
+JOINED_S = 0.1
 # By how much of an update stamps may jitter.
 ROUNDING = 0.01
 

@@ -38,6 +38,7 @@ from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.land_vehicle.shaking import Shaking, find_shaking
 from sinstool.methods.land_vehicle.track import MeansStage
 from sinstool.methods.sensor_errors import SensorGrade
+from sinstool.methods.strapdown.joined_updates import JOINED_S
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.likeliest_noise import MOST_SQUARE, cost, likeliest
@@ -50,9 +51,6 @@ SHOWN_NS = 660 * SECOND
 # Fixes are left out for so long, s, and used as long, from when the filter has settled, s, on.
 LEFT_OUT_S, SETTLED_S = 20.0, 60.0
 LONGEST_STEP_S = 1.5
-# Navigations are compared by the dozen, with updates joined as long as they stay shorter than this,
-# s. That changes the factors by less than 1 %.
-JOINED_S = 0.1
 # Where errors of a window are looked at, as shares of it.
 LOOKS = (0.1, 0.35, 1.0)
 LEAST_WINDOWS = 4

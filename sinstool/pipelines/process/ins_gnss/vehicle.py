@@ -28,7 +28,7 @@ from sinstool.methods.land_vehicle.shaking import beyond, find_shaking
 from sinstool.methods.land_vehicle.track import Means, MeansStage, Track
 from sinstool.methods.land_vehicle.trust import Trust, find_trust
 from sinstool.methods.land_vehicle.wander import AS_STATED, Wander, find_wander
-from sinstool.methods.strapdown.joined_updates import joined_updates
+from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z, V_DOWN, V_NORTH
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
@@ -37,9 +37,6 @@ from sinstool.pipelines.process.vehicle_used import LandVehicleUsed, VehicleUsed
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
-# A track without constraints is compared with steps of `STEP_NS`: its updates are joined as long as
-# they stay shorter than this, s.
-JOINED_S = 0.1
 # Rests shorter than this in all, s, are none.
 LEAST_REST_S = 1.0
 # A rest with which a filter begins shows within so many steps of its start.
