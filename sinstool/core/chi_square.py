@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import exp, inf, lgamma, log, sqrt
 from statistics import NormalDist
 
@@ -13,6 +14,7 @@ STEPS, TERMS = 60, 10_000
 CLOSE = 1e-15
 
 
+@lru_cache(maxsize=256)
 def upper_point(freedom: float, probability: float) -> float:
     """What a sum of squares of unit normals exceeds with a probability.
 

@@ -8,7 +8,7 @@ header stamp unless that is unusable); ``log_time_ns`` is when the recorder rece
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -33,7 +33,7 @@ def take_rows(record: R, which: slice | np.ndarray) -> R:
     columns: dict[str, Any] = vars(record)
     return type(record)(
         **{
-            name: take_rows(column, which) if is_dataclass(column) else column[which]
+            name: column[which] if isinstance(column, np.ndarray) else take_rows(column, which)
             for name, column in columns.items()
             if column is not None
         }

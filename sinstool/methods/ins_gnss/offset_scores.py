@@ -218,7 +218,9 @@ def _rows_of_fixes(
     ends = np.clip([at - _HALF_S, at + _HALF_S], seconds[0], seconds[-1])
     # Only where it is asked for: updates are many more than what lies beside fixes
     after = np.searchsorted(seconds, np.concatenate([at, *ends]), side="right")
-    some = np.unique(np.concatenate([k, last, after - 1, after]).clip(0, len(seconds) - 1))
+    # The first of all beside them, as a block may be without fixes
+    beside = np.concatenate([[0], k, last, after - 1, after])
+    some = np.unique(beside.clip(0, len(seconds) - 1))
     rate = updates.omega_ib_b[some]
     turn = exp(np.where(some > 0, interval[some], 0.0)[:, None] * rate)
     c_nb = to_dcm(multiply(before[some], turn))

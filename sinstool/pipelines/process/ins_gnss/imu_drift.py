@@ -304,33 +304,43 @@ class Drift:
         return first, second
 
     def _run(
-        self, settings: Settings, gnss: GnssEpochs, left_out: BoolArray
+        self, settings: Settings, gnss: GnssEpochs, left_out: BoolArray, increments: Increments
     ) -> tuple[GnssDiagnostics, int]:
         """Epochs with a position, used or compared, and how often the filter began anew."""
-        assert self._increments is not None
         settings = replace(settings, network=None)
         shaken = None if self._shaking is None else self._shaking.constraints(settings.imu)
         run = InsGnssFilter(
             self._start.start, settings, with_baro=False, output=False, constraints=shaken
         )
-        epochs = run.push(self._increments, gnss, left_out).gnss
+        epochs = run.push(increments, gnss, left_out).gnss
         return take_rows(epochs, np.isfinite(epochs.innovation[:, 1])), run.summary.restarts
 
     def _looked(self, settings: Settings) -> tuple[FloatArray, FloatArray]:
         """Errors of all looks of the windows in motion, and their sigmas."""
-        windows, gnss = self._as_graded, self._gnss
-        assert windows is not None
+        windows, gnss, increments = self._as_graded, self._gnss, self._increments
+        assert windows is not None and increments is not None
         late = round(settings.gnss_latency * SECOND)
         errors, sigmas = [], []
-        for left_out, times_ns in zip(self._left_out, windows.times_ns, strict=True):
-            # What is left out and not looked at changes nothing
-            rows = ~left_out | np.isin(gnss.time_ns - late, times_ns)
-            epochs, _ = self._run(settings, gnss.rows(rows), left_out[rows])
+        moved = np.split(windows.moved, [len(windows.times_ns[0])])
+        for left_out, times_ns, which in zip(self._left_out, windows.times_ns, moved, strict=True):
+            if not which.any():
+                continue
+            times_ns = times_ns[which]
+            # What is left out and not looked at changes nothing, nor does what comes later
+            last = int(times_ns.max())
+            valid_ns = gnss.time_ns - late
+            rows = (~left_out & (valid_ns <= last)) | np.isin(valid_ns, times_ns)
+            updates = slice(0, int(np.searchsorted(increments.time_ns, last)) + 1)
+            epochs, _ = self._run(
+                settings, gnss.rows(rows), left_out[rows], take_rows(increments, updates)
+            )
             at = np.minimum(np.searchsorted(epochs.time_ns, times_ns), len(epochs) - 1)
             there = (epochs.time_ns[at] == times_ns)[:, :, None]
             errors.append(np.where(there, epochs.innovation[at, :3], np.nan))
             sigmas.append(epochs.innovation_sigma[at, :3])
-        return np.concatenate(errors)[windows.moved], np.concatenate(sigmas)[windows.moved]
+        if not errors:
+            return np.empty((0, len(LOOKS), 3)), np.empty((0, len(LOOKS), 3))
+        return np.concatenate(errors), np.concatenate(sigmas)
 
     @cached_property
     def _as_graded(self) -> _Windows | None:
@@ -339,7 +349,7 @@ class Drift:
             return None
         errors, sigmas, moved, times, restarts = [], [], [], [], 0
         for left_out in self._left_out:
-            epochs, begun = self._run(self._start.settings, self._gnss, left_out)
+            epochs, begun = self._run(self._start.settings, self._gnss, left_out, self._increments)
             restarts += begun
             begin, end = _spans(epochs.withheld)
             share = epochs.time_ns[end] - epochs.time_ns[begin]
