@@ -207,8 +207,11 @@ class Drift:
         self._start = start
         self._estimated = config.filter.virtual_noise == "auto"
         self._measured = config.navigation.imu_noise is not None
-        self._least = _of_rest(source, start)
-        self._shaken = _shaken_at_rest(source, start)
+        rest = _noise_at_rest(source, start)
+        self._least = _least(start, rest)
+        # By an engine or people, which is no noise of the Imu in motion
+        self._shaken = bool(np.any(rest > LEAST_CHANGE))
+        self._guess = rest if np.all(rest > 0.0) and not self._shaken else None
         shown = shown_increments(source, config, algorithm, start, None)
         self._increments = shown_increments(source, config, algorithm, start)
         self._shaking = None if shown is None else _shaking(shown, start)
@@ -229,7 +232,7 @@ class Drift:
         windows = self._as_graded
         if windows is None or windows.restarts or windows.moved.sum() < LEAST_WINDOWS:
             return NoiseFactors(self.ratio, self.ratio)
-        gyro, accel, scale = likeliest(self._errors, self._weight)
+        gyro, accel, scale = likeliest(self._errors, self._weight, self._guess)
         gyro, accel = np.maximum((gyro, accel), self._least).tolist()
         scale = scale if scale > LEAST_CHANGE else 1.0
         if max(gyro, accel) > LEAST_CHANGE or self._measured:
@@ -412,24 +415,22 @@ def _shaking(increments: Increments, start: FilterStart) -> Shaking:
     return find_shaking(stage.finish(), start.used, late)
 
 
-def _shaken_at_rest(source: Source, start: FilterStart) -> bool:
-    """Whether a rest is noisier than the sensors of the settings are."""
+def _noise_at_rest(source: Source, start: FilterStart) -> FloatArray:
+    """Noise of gyros and accelerometers at rest over that of the settings; NaN without a rest."""
     walks, imu = random_walks(source), start.settings.imu
-    own = np.array([imu.angle_random_walk, imu.velocity_random_walk])
-    return walks is not None and bool(np.any(np.array(walks) > LEAST_CHANGE * own))
+    if walks is None:
+        return np.full(2, np.nan)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.divide(walks, (imu.angle_random_walk, imu.velocity_random_walk))
 
 
-def _of_rest(source: Source, start: FilterStart) -> np.ndarray:
-    """Noise of gyros and accelerometers at rest over that of the settings, at most 1.
+def _least(start: FilterStart, rest: FloatArray) -> FloatArray:
+    """Noise over that of the settings that sensors have at least, as they show it at rest.
 
     0 for a MEMS grade and for one judged by its drift: an idling engine looks like poor sensors.
     """
-    walks, imu = random_walks(source), start.settings.imu
-    assumed = imu.angle_random_walk, imu.velocity_random_walk
     vehicle = start.grade.grade == "mems" or start.grade.by_drift
-    if walks is None or vehicle or not all(assumed):
-        return np.zeros(2)
-    return np.minimum(np.divide(walks, assumed), 1.0)
+    return np.zeros(2) if vehicle or not np.isfinite(rest).all() else np.minimum(rest, 1.0)
 
 
 def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:

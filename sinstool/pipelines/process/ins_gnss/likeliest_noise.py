@@ -34,7 +34,9 @@ def cost(error: FloatArray, sigma: FloatArray) -> float:
     return float(np.nansum(square + 2.0 * np.log(sigma)))
 
 
-def likeliest(errors: Errors, weight: float) -> tuple[float, float, float]:
+def likeliest(
+    errors: Errors, weight: float, guess: FloatArray | None = None
+) -> tuple[float, float, float]:
     """Root mean squares of the factors under the posterior of errors and the prior.
 
     Parameters
@@ -43,6 +45,9 @@ def likeliest(errors: Errors, weight: float) -> tuple[float, float, float]:
         Takes factors and returns errors and sigmas, always as many.
     weight : float
         Of each error, as those of a window belong together.
+    guess : ndarray, shape (2,), optional
+        Of gyros and accelerometers, more than 0, from where on the likeliest are sought: that
+        spares half of the runs where it is near them.
     """
     runs: dict[tuple[int, ...], tuple[FloatArray, FloatArray]] = {}
 
@@ -59,7 +64,10 @@ def likeliest(errors: Errors, weight: float) -> tuple[float, float, float]:
         near = _Near(run, powers, ways)
         return lambda at: weight * near.cost(at) + _prior(at)
 
-    best: np.ndarray = FIRST_POWERS
+    best: np.ndarray = FIRST_POWERS.copy()
+    if guess is not None:
+        powers = np.round(np.log2(guess)).astype(int)
+        best[:2] = np.clip(powers, LEAST_POWERS[:2] + 1, MOST_POWERS[:2] - 1)
     ways: tuple[int, ...] = (1,)
     for _ in range(ROUNDS):
         near = about(best, ways)

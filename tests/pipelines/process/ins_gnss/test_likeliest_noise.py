@@ -67,6 +67,31 @@ def test_few_runs_are_made():
     assert len(runs) == len(set(runs)) <= 18
 
 
+@pytest.mark.parametrize("truth", [(0.1, 0.2, 0.5), (0.12, 0.4, 1.0), (3.0, 0.2, 0.5)])
+def test_a_guess_near_the_likeliest_spares_runs_and_changes_nothing(truth):
+    runs = []
+
+    def errors(*factors):
+        runs.append(factors)
+        return sigma(*truth) * unit, sigma(*factors) + 0.0 * unit
+
+    unit = np.random.default_rng(4).standard_normal((60, 5))
+    without = likeliest(errors, 1.0)
+    many = len(runs)
+    assert likeliest(errors, 1.0, 1.2 * np.array(truth[:2])) == without
+    assert len(runs) - many < many
+
+
+@pytest.mark.parametrize("guess", [(1e-9, 1e9), (8.0, 0.01)])
+def test_a_guess_far_off_changes_nothing(guess):
+    error = sigma(0.5, 2.0, 1.0) * np.random.default_rng(2).standard_normal((120, 5))
+
+    def errors(*factors):
+        return error, np.broadcast_to(sigma(*factors), error.shape)
+
+    assert likeliest(errors, 1.0, np.array(guess)) == likeliest(errors, 1.0)
+
+
 def test_without_anything_seen_the_grade_counts():
     nothing = np.empty((0, 3))
     assert likeliest(lambda g, a, s: (nothing, nothing), 1.0) == pytest.approx((1.0, 1.0, 1.0))
