@@ -20,12 +20,14 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flight
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
-from sinstool.methods.alignment.preparation import prepare_fixes
+from sinstool.methods.alignment.preparation import MIN_POSITION_SPAN_S, prepare_fixes
 from sinstool.methods.alignment.solution import carried
 from sinstool.methods.sensor_errors import SensorGrade
 
-# Without a gate, alignment begins when the vehicle does, and takes this much at first.
+# Without a gate, alignment begins when the vehicle does, and takes this much at first. A walker
+# who is never so fast for long begins at a lower speed.
 MOVING_M_S = 2.0
+SLOW_M_S = (1.0, 0.5)
 BEFORE_S = 5.0
 SPANS_S = (200.0, 600.0)
 # Spans over which a gyro bias of 0.5 deg/s leaves the attitude good enough for the refinement,
@@ -341,6 +343,8 @@ def spans(
 def first_motion(fixes: GnssFixes, first_ns: int, rest_ns: int) -> int | None:
     """When alignment without a gate begins: shortly before GNSS first moves, ns.
 
+    Or where it first moves slowly, if what follows a faster motion is too short to align by.
+
     Parameters
     ----------
     first_ns : int
@@ -348,11 +352,19 @@ def first_motion(fixes: GnssFixes, first_ns: int, rest_ns: int) -> int | None:
     rest_ns : int
         Until then the vehicle rests, whatever GNSS says.
     """
-    fast = np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > MOVING_M_S
-    moving = np.flatnonzero(fast & (fixes.time_ns >= rest_ns))
-    if not len(moving):
-        return None
-    return max(first_ns, int(fixes.time_ns[moving[0]]) - round(BEFORE_S * SECOND))
+    speed = np.linalg.norm(fixes.velocity_n[:, :2], axis=1)
+    left_s = (fixes.time_ns[-1] - fixes.time_ns) / SECOND
+    begin: int | None = None
+    for least in (MOVING_M_S, *SLOW_M_S):
+        moving = np.flatnonzero((speed > least) & (fixes.time_ns >= rest_ns))
+        if not len(moving):
+            continue
+        enough = left_s[moving[0]] >= MIN_POSITION_SPAN_S
+        if enough or least == MOVING_M_S:
+            begin = max(first_ns, int(fixes.time_ns[moving[0]]) - round(BEFORE_S * SECOND))
+        if enough:
+            break
+    return begin
 
 
 def _beside(fixes_ns: IntArray, first_ns: int) -> str:

@@ -18,7 +18,7 @@ from sinstool.methods.alignment.in_motion import (
     spans,
     with_vertical,
 )
-from sinstool.methods.alignment.inflight_types import AlignmentSettings
+from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes
 from sinstool.methods.alignment.still import WindowStage, lead_in, still_spans
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.simulation.drive import road_drive
@@ -61,6 +61,24 @@ def aligned(imu, gnss, lever=(0.0, 0.0, 0.0), samples=None):
         spans("off", start, None, first, int(fixes.time_ns[-1])),
         0.5 * DEGREE if rest is None else None,
     )
+
+
+def walker(speed):
+    """Fixes at 1 Hz of somebody who goes north with such a speed, m/s."""
+    n = len(speed)
+    velocity = np.zeros((n, 3))
+    velocity[:, 0] = speed
+    return GnssFixes(np.arange(n) * SECOND, np.zeros(n), np.zeros(n), np.zeros(n), velocity)
+
+
+def test_a_walker_begins_when_he_walks_and_not_when_he_runs_at_last():
+    speed = np.full(300, 1.3)
+    speed[:40] = 0.0
+    speed[294:] = 2.5
+    assert first_motion(walker(speed), 0, 0) == 35 * SECOND
+    speed[150:155] = 2.5
+    assert first_motion(walker(speed), 0, 0) == 145 * SECOND
+    assert first_motion(walker(np.full(300, 0.1)), 0, 0) is None
 
 
 def carried_to_first_fix(moving, imu, gnss):
