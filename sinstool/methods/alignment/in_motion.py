@@ -17,22 +17,22 @@ from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import GnssEpochs, Imu, concatenate
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flight
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
-from sinstool.methods.alignment.preparation import prepare_fixes
+from sinstool.methods.alignment.level_bias import level_bias
+from sinstool.methods.alignment.preparation import MIN_POSITION_SPAN_S, prepare_fixes
 from sinstool.methods.alignment.solution import carried
 from sinstool.methods.sensor_errors import SensorGrade
 
-# Without a gate, alignment begins when the vehicle does, and takes this much at first.
+# Without a gate, alignment begins when the vehicle does, and takes this much at first. A walker
+# who is never so fast for long begins at a lower speed.
 MOVING_M_S = 2.0
+SLOW_M_S = (1.0, 0.5)
 BEFORE_S = 5.0
 SPANS_S = (200.0, 600.0)
 # Spans over which a gyro bias of 0.5 deg/s leaves the attitude good enough for the refinement,
 # which then gives the bias.
 SHORT_S = (15.0, 25.0, 40.0, 70.0, 120.0)
-# What the mean turn of a vehicle that stays about level is off by as a gyro bias, rad/s.
-LEVEL_SIGMA = 0.1 * DEGREE
 # A bias of more sigmas than these is taken off, and alignment begins anew, so many times at most:
 # the refinement is linear.
 SURPRISE = 1.0
@@ -55,12 +55,16 @@ class MotionAlignment:
         Taken off the samples before, rad/s.
     fixes : GnssFixes
         All of the log.
+    bias_by_motion : bool
+        That gyro bias was not given but found in the motion; before any refinement of its own
+        that is as uncertain as the grade of `settings` says.
     """
 
     result: InFlightAlignment
     gyro_bias: FloatArray
     settings: AlignmentSettings
     fixes: GnssFixes
+    bias_by_motion: bool = False
 
     @property
     def good(self) -> bool:
@@ -238,7 +242,7 @@ def align_in_motion(
             if best is None or _better(result, best.result):
                 warnings = (*notes, *result.warnings, *samples.cut_short(end_ns))
                 result = replace(result, warnings=warnings)
-                best = MotionAlignment(result, bias, span, fixes)
+                best = MotionAlignment(result, bias, span, fixes, bias is not gyro_bias)
             if result.status == "ok":
                 break
         return best
@@ -246,7 +250,8 @@ def align_in_motion(
     def settled(rough: MotionAlignment) -> MotionAlignment:
         for _ in range(ROUNDS):
             again = tried(rough.refined_bias, settings.grade, ends_ns)
-            if again is None or not again.good:
+            # Without a refinement nobody knows what that bias is good for
+            if again is None or not again.good or again.result.errors is None:
                 break
             rough = again
             if not rough.bias_surprises:
@@ -267,45 +272,15 @@ def align_in_motion(
     rough = tried(gyro_bias, replace(settings.grade, gyro_bias=bias_unknown), ends)
     if rough is None or not rough.good:
         level = level_bias(imu, fixes, begin)
-        rough = tried(level, replace(settings.grade, gyro_bias=LEVEL_SIGMA), [*ends, *ends_ns])
+        if level is not None:
+            errors = replace(settings.grade, gyro_bias=level[1])
+            rough = tried(level[0], errors, [*ends, *ends_ns])
     if (rough is None or not rough.good) and not best.good:
         # With an ordinary bias, which spoils long spans all the same where little changes
         rough = tried(gyro_bias, settings.grade, ends)
     # A bias a little beyond the ordinary may be what it is, and a large one an illusion
     found = [settled(one) for one in (best, rough) if one is not None and one.good]
     return min(found, key=lambda one: one.result.chi2, default=best)
-
-
-def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> FloatArray:
-    """Gyro bias of a vehicle that stays about level, to `LEVEL_SIGMA`.
-
-    In the mean it turns as its course does, about the vertical that the accelerometer shows.
-
-    Parameters
-    ----------
-    imu : Imu
-        Rates.
-    fixes : GnssFixes
-        With velocity; those faster than a walk say where the vehicle goes.
-    begin_ns : int
-        Of the alignment; two minutes from there are used.
-
-    Returns
-    -------
-    ndarray, shape (3,)
-        rad/s; zeros where the course is not known for long enough.
-    """
-    fast = np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > MOVING_M_S
-    end_ns = begin_ns + round(SHORT_S[-1] * SECOND)
-    fast &= (fixes.time_ns >= begin_ns) & (fixes.time_ns <= min(end_ns, imu.time_ns[-1]))
-    time_ns, velocity = fixes.time_ns[fast], fixes.velocity_n[fast]
-    if not len(time_ns) or time_ns[-1] - time_ns[0] < SHORT_S[0] * SECOND:
-        return np.zeros(3)
-    course = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
-    turning = (course[-1] - course[0]) / (float(time_ns[-1] - time_ns[0]) / SECOND)
-    rows = (imu.time_ns >= time_ns[0]) & (imu.time_ns <= time_ns[-1])
-    force = imu.accel[rows].mean(axis=0)
-    return np.asarray(imu.gyro[rows].mean(axis=0) + turning * force / np.linalg.norm(force))
 
 
 def _better(new: InFlightAlignment, old: InFlightAlignment) -> bool:
@@ -341,6 +316,8 @@ def spans(
 def first_motion(fixes: GnssFixes, first_ns: int, rest_ns: int) -> int | None:
     """When alignment without a gate begins: shortly before GNSS first moves, ns.
 
+    Or where it first moves slowly, if what follows a faster motion is too short to align by.
+
     Parameters
     ----------
     first_ns : int
@@ -348,11 +325,19 @@ def first_motion(fixes: GnssFixes, first_ns: int, rest_ns: int) -> int | None:
     rest_ns : int
         Until then the vehicle rests, whatever GNSS says.
     """
-    fast = np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > MOVING_M_S
-    moving = np.flatnonzero(fast & (fixes.time_ns >= rest_ns))
-    if not len(moving):
-        return None
-    return max(first_ns, int(fixes.time_ns[moving[0]]) - round(BEFORE_S * SECOND))
+    speed = np.linalg.norm(fixes.velocity_n[:, :2], axis=1)
+    left_s = (fixes.time_ns[-1] - fixes.time_ns) / SECOND
+    begin: int | None = None
+    for least in (MOVING_M_S, *SLOW_M_S):
+        moving = np.flatnonzero((speed > least) & (fixes.time_ns >= rest_ns))
+        if not len(moving):
+            continue
+        enough = left_s[moving[0]] >= MIN_POSITION_SPAN_S
+        if enough or least == MOVING_M_S:
+            begin = max(first_ns, int(fixes.time_ns[moving[0]]) - round(BEFORE_S * SECOND))
+        if enough:
+            break
+    return begin
 
 
 def _beside(fixes_ns: IntArray, first_ns: int) -> str:

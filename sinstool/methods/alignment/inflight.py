@@ -263,6 +263,9 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
     status = _status(covariance, settings.refuse_sigma)
     if status == "ok" and inconsistent:
         status = "degraded"
+    if settings.refine and errors is None and best.many_rejected and status in ("ok", "degraded"):
+        # So many do not fit by chance, and no refinement has held its heading against others
+        status = _without_heading(covariance)
     if status == "level-only":
         heading = min(float(np.sqrt(covariance[2, 2])), UNIFORM_SIGMA)
         warnings.append(
@@ -317,6 +320,10 @@ def _status(covariance: FloatArray, refuse_sigma: float) -> Status:
         return "ok"
     if worst <= refuse_sigma:
         return "degraded"
+    return _without_heading(covariance)
+
+
+def _without_heading(covariance: FloatArray) -> Status:
     return "level-only" if worst_sigma(covariance[:2, :2]) <= OK_SIGMA else "unobservable"
 
 

@@ -62,6 +62,11 @@ class Candidate:
     sigma_worst: float
     warnings: list[str]
 
+    @property
+    def many_rejected(self) -> bool:
+        """Whether too many fixes do not fit to be outliers of a receiver."""
+        return self.rejected > MANY_REJECTED * (self.rejected + len(self.fixes))
+
 
 def plausible_fixes(alpha: FloatArray, beta: FloatArray, sigma: FloatArray) -> BoolArray:
     """Fixes whose velocity agrees with most of its neighbours; needs no attitude.

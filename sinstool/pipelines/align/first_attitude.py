@@ -223,9 +223,11 @@ def _from_motion(
     time_ns, q_nb, covariance = reached
     bias, source_of_bias = moving.gyro_bias, "rest" if moving.gyro_bias.any() else "none"
     bias_sigma = None
-    if result.errors is not None and config.align.gyro_bias == "still":
+    if config.align.gyro_bias == "still" and result.errors is not None:
         bias, source_of_bias = moving.refined_bias, "alignment"
         bias_sigma = float(np.max(result.errors.sigma["gyro_bias"]))
+    elif moving.bias_by_motion:
+        source_of_bias, bias_sigma = "alignment", moving.settings.grade.gyro_bias
     if not isinstance(config.align.gyro_bias, str):
         source_of_bias = "given"
     north = result.status != "level-only"

@@ -120,7 +120,8 @@ def _against_truth(native: list[Judged], tolerance: float) -> Verdict:
     text = (
         f"The truth cannot tell which algorithm is accurate to {tolerance:g} deg/h, as even the"
         f" closest drifts from it by {_short(least)} deg/h. That is the sensor's error (its bias,"
-        " above all), the truth's own, or what no algorithm here removes. "
+        " above all), the Earth's rotation, the truth's own error, or what no algorithm here"
+        " removes, such as coning beyond half the sampling rate. "
     )
     return Verdict(None, text + _larger_differences(native, limit), False, limit)
 

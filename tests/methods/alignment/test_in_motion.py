@@ -18,7 +18,8 @@ from sinstool.methods.alignment.in_motion import (
     spans,
     with_vertical,
 )
-from sinstool.methods.alignment.inflight_types import AlignmentSettings
+from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes
+from sinstool.methods.alignment.level_bias import level_bias
 from sinstool.methods.alignment.still import WindowStage, lead_in, still_spans
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.simulation.drive import road_drive
@@ -61,6 +62,54 @@ def aligned(imu, gnss, lever=(0.0, 0.0, 0.0), samples=None):
         spans("off", start, None, first, int(fixes.time_ns[-1])),
         0.5 * DEGREE if rest is None else None,
     )
+
+
+def walker(speed):
+    """Fixes at 1 Hz of somebody who goes north with such a speed, m/s."""
+    n = len(speed)
+    velocity = np.zeros((n, 3))
+    velocity[:, 0] = speed
+    return GnssFixes(np.arange(n) * SECOND, np.zeros(n), np.zeros(n), np.zeros(n), velocity)
+
+
+def test_a_walker_begins_when_he_walks_and_not_when_he_runs_at_last():
+    speed = np.full(300, 1.3)
+    speed[:40] = 0.0
+    speed[294:] = 2.5
+    assert first_motion(walker(speed), 0, 0) == 35 * SECOND
+    speed[150:155] = 2.5
+    assert first_motion(walker(speed), 0, 0) == 145 * SECOND
+    assert first_motion(walker(np.full(300, 0.1)), 0, 0) is None
+
+
+def circling(rate, bias, wander=0.0):
+    """A level vehicle that turns at such a rate, fast for 5 s of each minute; Imu and fixes."""
+    seconds = np.arange(0, 130 * 50) / 50.0
+    gyro = np.tile(np.array([0.0, 0.0, rate]) + bias, (len(seconds), 1))
+    force = np.tile([0.0, 0.0, -9.81], (len(seconds), 1))
+    time_ns = np.rint(seconds * SECOND).astype(np.int64)
+    fixes = walker(np.where(np.arange(126) % 60 < 5, 4.0, 1.0))
+    course = rate * np.arange(126) + wander * np.random.default_rng(4).standard_normal(126)
+    turn = np.stack([np.cos(course), np.sin(course), np.zeros(126)], axis=-1)
+    return Imu(time_ns, time_ns, gyro, force), replace(
+        fixes, velocity_n=fixes.velocity_n[:, :1] * turn
+    )
+
+
+def test_a_level_bias_does_not_lose_whole_turns_while_the_vehicle_is_slow():
+    bias = np.array([0.3, -0.2, 0.4]) * DEGREE
+    imu, fixes = circling(6.0 * DEGREE, bias)
+    found, sigma = level_bias(imu, fixes, 0)
+    assert np.abs(found - bias).max() < 0.01 * DEGREE
+    assert sigma == pytest.approx(0.1 * DEGREE)
+
+
+def test_a_level_bias_is_as_uncertain_as_the_course_and_none_where_that_is_anything():
+    imu, fixes = circling(6.0 * DEGREE, np.zeros(3), 0.3)
+    found, sigma = level_bias(imu, fixes, 0)
+    assert 0.1 * DEGREE < sigma < 0.3 * DEGREE
+    assert np.abs(found).max() < 3.0 * sigma
+    assert level_bias(*circling(6.0 * DEGREE, np.zeros(3), 2.0), 0) is None
 
 
 def carried_to_first_fix(moving, imu, gnss):

@@ -1,6 +1,7 @@
 """Where a run begins: automatic choice, carried back to the first sample; real logs."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,10 +9,12 @@ import pytest
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core import rotation
+from sinstool.core.units import DEGREE
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.alignment.initial import level, tilted
-from sinstool.pipelines.align.first_attitude import align
+from sinstool.pipelines.align import in_motion
+from sinstool.pipelines.align.first_attitude import align, in_flight
 from sinstool.pipelines.align.log import align_log
 from sinstool.survey.source import prepare
 from tests.helpers.launch_logs import TACTICAL, TRUTH, launched
@@ -163,3 +166,30 @@ def test_late_stamps_show_in_the_filters_residuals():
     assert listed[-0.125]["refined_chi2"] < 0.85 * listed[0.0]["refined_chi2"]
     assert listed[0.0]["refined_chi2"] < 0.6 * listed[0.125]["refined_chi2"]
     assert listed[0.0]["latency_s"] < -0.02
+
+
+def test_a_bias_of_motion_is_not_taken_for_one_of_a_rest(monkeypatch):
+    """A mean turn of 3 deg/s was believed to 100 deg/h, as "by a rest", where nobody refined it."""
+    config = build(ProcessConfig, {"input": {"gyro_kind": "increment"}})
+    bias = np.array([0.0, 0.0, 0.05])
+    with open_log(launched(*TACTICAL, "--pad", "30")) as log:
+        source = prepare(log, config)
+        whole = in_motion.align_moving(source, config, "mems", "svd", "start")
+        settings = replace(
+            whole.settings, grade=replace(whole.settings.grade, gyro_bias=0.2 * DEGREE)
+        )
+        rough = replace(
+            whole,
+            result=replace(whole.result, errors=None),
+            gyro_bias=bias,
+            settings=settings,
+            bias_by_motion=True,
+        )
+        monkeypatch.setattr(in_motion, "align_moving", lambda *_, **__: rough)
+        made = in_flight(source, config, "svd")
+        given = replace(rough, bias_by_motion=False)
+        monkeypatch.setattr(in_motion, "align_moving", lambda *_, **__: given)
+        at_rest = in_flight(source, config, "svd")
+    np.testing.assert_array_equal(made.gyro_bias, bias)
+    assert made.bias_source == "alignment" and made.gyro_bias_sigma == 0.2 * DEGREE
+    assert at_rest.bias_source == "rest" and at_rest.gyro_bias_sigma is None

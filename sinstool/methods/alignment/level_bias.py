@@ -1,0 +1,74 @@
+"""Gyro bias of a vehicle that stays about level: what its course does not turn by.
+
+Rough, but without any attitude: a beginning for gyros whose bias spoils every alignment.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.core.arrays import FloatArray
+from sinstool.core.streams import Imu
+from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
+from sinstool.methods.alignment.inflight_types import GnssFixes
+
+# Fixes so fast say where the vehicle goes.
+FAST_M_S = 2.0
+# From the beginning so much is used, at most and at least, s.
+FOR_S = 120.0
+LEAST_S = 15.0
+# What the mean turn of a vehicle that stays about level is off by as a gyro bias at least, rad/s.
+LEVEL_SIGMA = 0.1 * DEGREE
+# Where it goes and where it points differ for so long, s; by more than so much (rad, one sigma)
+# it goes in any direction, and its course says nothing.
+SWAY_S = 10.0
+ANY_WAY = 0.5
+
+
+def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> tuple[FloatArray, float] | None:
+    """Gyro bias of a vehicle that stays about level and goes where it points, and its sigma.
+
+    In the mean it turns as its course does, about the vertical that the accelerometer shows.
+
+    Parameters
+    ----------
+    imu : Imu
+        Rates.
+    fixes : GnssFixes
+        With velocity; those faster than a walk say where the vehicle goes.
+    begin_ns : int
+        Of the alignment; two minutes from there are used.
+
+    Returns
+    -------
+    bias : ndarray, shape (3,)
+        rad/s.
+    sigma : float
+        By how far the course is from where the gyros point, rad/s; at least `LEVEL_SIGMA`.
+    None
+        Where the course is not known for long enough, or the vehicle goes in any direction.
+    """
+    fast = np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > FAST_M_S
+    end_ns = begin_ns + round(FOR_S * SECOND)
+    fast &= (fixes.time_ns >= begin_ns) & (fixes.time_ns <= min(end_ns, imu.time_ns[-1]))
+    time_ns, velocity = fixes.time_ns[fast], fixes.velocity_n[fast]
+    if not len(time_ns) or time_ns[-1] - time_ns[0] < LEAST_S * SECOND:
+        return None
+    rows = (imu.time_ns >= time_ns[0]) & (imu.time_ns <= time_ns[-1])
+    gyro, force = imu.gyro[rows], imu.accel[rows].mean(axis=0)
+    up = force / np.linalg.norm(force)
+    since = (imu.time_ns[rows] - time_ns[0]) / SECOND
+    turned = np.concatenate([[0.0], np.cumsum(-(gyro @ up)[1:] * np.diff(since))])
+    seconds = (time_ns - time_ns[0]) / SECOND
+    # Of the course alone a whole turn may be lost where the vehicle is slow for a while
+    course = np.arctan2(velocity[:, 1], velocity[:, 0]) - np.interp(seconds, since, turned)
+    course = np.unwrap(course)
+    slope, start = np.polyfit(seconds, course, 1)
+    off = float(np.std(course - start - slope * seconds))
+    if off > ANY_WAY:
+        return None
+    across = gyro.mean(axis=0) - (gyro.mean(axis=0) @ up) * up
+    # A straight line's slope is so uncertain where what is off lasts for `SWAY_S`
+    sigma = off * np.sqrt(12.0 * SWAY_S / seconds[-1]) / seconds[-1]
+    return across + slope * up, float(np.hypot(LEVEL_SIGMA, sigma))
