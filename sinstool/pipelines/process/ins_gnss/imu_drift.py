@@ -43,6 +43,7 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.likeliest_noise import MOST_SQUARE, cost, likeliest
 from sinstool.survey.grade import random_walks
 from sinstool.survey.increments import first_increments
+from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
 # So much of a log shows it.
@@ -70,6 +71,8 @@ LEAST_CHANGE = 1.3
 MOST_BETTER = 8.0
 
 T = TypeVar("T")
+Bounds = tuple[float, float]
+ANY: Bounds = (0.0, np.inf)
 
 
 @dataclass(frozen=True)
@@ -79,14 +82,18 @@ class NoiseFactors:
     Attributes
     ----------
     gyro, accel : float
-        Of white noise and of what of the biases wanders.
+        Of what of the biases wanders, and of white noise within its bounds.
     scale : float
         Of what of the scale factors wanders.
+    white : tuple of tuple of float
+        Least and largest factor of the white noise of gyros, and of accelerometers: as far as a
+        log shows it by itself, the drift has no say.
     """
 
     gyro: float
     accel: float
     scale: float = 1.0
+    white: tuple[Bounds, Bounds] = (ANY, ANY)
 
     @property
     def ordinary(self) -> bool:
@@ -102,11 +109,15 @@ class NoiseFactors:
             Whether fictitious noise, if there is any, remains.
         """
         imu, control = settings.imu, settings.control
+        gyro, accel = (
+            min(max(factor, least), most)
+            for factor, (least, most) in zip((self.gyro, self.accel), self.white, strict=True)
+        )
         noisier = replace(
             imu,
-            angle_random_walk=self.gyro * imu.angle_random_walk,
+            angle_random_walk=gyro * imu.angle_random_walk,
             gyro_instability=self.gyro * imu.gyro_instability,
-            velocity_random_walk=self.accel * imu.velocity_random_walk,
+            velocity_random_walk=accel * imu.velocity_random_walk,
             accel_instability=self.accel * imu.accel_instability,
             scale_wander=min(1.0, self.scale * imu.scale_wander),
         )
@@ -209,7 +220,7 @@ class Drift:
         self._start = start
         self._estimated = config.filter.virtual_noise == "auto"
         self._measured = config.navigation.imu_noise is not None
-        self._least = _of_rest(source, start)
+        self._white = _white_bounds(source, start)
         self._shaken = _shaken_at_rest(source, start)
         shown = shown_increments(source, config, algorithm, start, None)
         self._increments = shown_increments(source, config, algorithm, start)
@@ -232,13 +243,12 @@ class Drift:
         if windows is None or windows.restarts or windows.moved.sum() < LEAST_WINDOWS:
             return NoiseFactors(self.ratio, self.ratio)
         gyro, accel, scale = likeliest(self._errors, self._weight)
-        gyro, accel = np.maximum((gyro, accel), self._least).tolist()
         scale = scale if scale > LEAST_CHANGE else 1.0
         if max(gyro, accel) > LEAST_CHANGE or self._measured:
             gyro, accel = max(gyro, 1.0), max(accel, 1.0)
         if max(gyro, accel, 1.0 / gyro, 1.0 / accel) < LEAST_CHANGE:
             gyro = accel = 1.0
-        return NoiseFactors(gyro, accel, scale)
+        return NoiseFactors(gyro, accel, scale, self._white)
 
     def used(self, factors: NoiseFactors) -> Settings:
         """The settings with such noise, and without a fictitious one that has been measured."""
@@ -284,7 +294,7 @@ class Drift:
         return 1.0 if self._as_graded is None else self._as_graded.looks / len(LOOKS)
 
     def _errors(self, gyro: float, accel: float, scale: float) -> tuple[FloatArray, FloatArray]:
-        factors = NoiseFactors(gyro, accel, scale)
+        factors = NoiseFactors(gyro, accel, scale, self._white)
         return self._looked(factors.of(self._start.settings, not self._estimated))
 
     @cached_property
@@ -411,17 +421,23 @@ def _shaken_at_rest(source: Source, start: FilterStart) -> bool:
     return walks is not None and bool(np.any(np.array(walks) > LEAST_CHANGE * own))
 
 
-def _of_rest(source: Source, start: FilterStart) -> np.ndarray:
-    """Noise of gyros and accelerometers at rest over that of the settings, at most 1.
+def _white_bounds(source: Source, start: FilterStart) -> tuple[Bounds, Bounds]:
+    """Bounds of the white noise of gyros and accelerometers over that of the settings.
 
-    0 for a MEMS grade and for one judged by its drift: an idling engine looks like poor sensors.
+    Sensors are no quieter than at rest, which does not hold for a grade that was judged by its
+    drift, as an idling engine looks like poor sensors. Gyros are no noisier than in motion. That of
+    accelerometers stands in for their cross-axis errors, of which a filter has no states, and that
+    of a MEMS grade for more.
     """
-    walks, imu = random_walks(source), start.settings.imu
+    moving, imu = walks_in_motion(source), start.settings.imu
     assumed = imu.angle_random_walk, imu.velocity_random_walk
-    vehicle = start.grade.grade == "mems" or start.grade.by_drift
-    if walks is None or vehicle or not all(assumed):
-        return np.zeros(2)
-    return np.minimum(np.divide(walks, assumed), 1.0)
+    if start.grade.grade == "mems" or not all(assumed):
+        return ANY, ANY
+    walks = None if start.grade.by_drift else random_walks(source)
+    shown = np.full(2, np.inf) if moving is None else np.divide(moving, assumed)
+    rest = np.zeros(2) if walks is None else np.divide(walks, assumed)
+    gyro, accel = np.minimum(np.minimum(rest, shown), 1.0).tolist()
+    return (gyro, max(float(shown[0]), 1.0)), (accel, np.inf)
 
 
 def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:

@@ -26,6 +26,7 @@ from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
+    as_in_motion,
     barometer,
     filter_settings,
     has_scales,
@@ -317,7 +318,7 @@ def _drifting(
         if less.ratio < drift.ratio:
             start, drift = other, less
     factors = drift.factors()
-    better = _better(config, drift, factors, start.grade.grade)
+    better = _better(source, config, drift, factors, start.grade.grade)
     if better is not None:
         try:
             why, before = "by its drift without fixes", start.grade.grade
@@ -343,7 +344,7 @@ def _drifting(
 
 
 def _better(
-    config: ProcessConfig, drift: Drift, factors: NoiseFactors, grade: Grade
+    source: Source, config: ProcessConfig, drift: Drift, factors: NoiseFactors, grade: Grade
 ) -> Grade | None:
     """A better grade that explains a drift clearly better than quieter sensors of this one do.
 
@@ -355,7 +356,8 @@ def _better(
     order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
     scales = has_scales(config)
     others = order[order.index(grade) + 1 :]
-    gains = drift.gains(factors, {other: imu_noise(config, other, scales) for other in others})
+    sensors = {o: as_in_motion(source, imu_noise(config, o, scales)) for o in others}
+    gains = drift.gains(factors, sensors)
     best = max(gains, key=lambda other: gains[other], default=None)
     return best if best is not None and gains[best] > LEAST_GAIN else None
 
