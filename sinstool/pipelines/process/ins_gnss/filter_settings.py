@@ -87,6 +87,9 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
         return as_in_motion(source, noise)
     if config.navigation.imu_grade != "auto" or walks is None:
         return noise
+    moving = None if grade.grade == "mems" or file is not None else walks_in_motion(source)
+    if moving is not None:
+        walks = min(walks[0], moving[0]), min(walks[1], moving[1])
     if options.vrw is None:
         noise = replace(noise, velocity_random_walk=max(noise.velocity_random_walk, walks[1]))
     if grade.grade == "navigation" and file is None:
@@ -98,26 +101,21 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
         # What options say stays
         same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
         noise = replace(noise, **{name: changes[name] for name in same})
-    moving = None if grade.grade == "mems" or file is not None else walks_in_motion(source)
-    if moving is None:
+    if moving is None or options.arw is not None:
         return noise
-    return replace(
-        noise,
-        angle_random_walk=min(
-            noise.angle_random_walk, moving[0] if options.arw is None else np.inf
-        ),
-        velocity_random_walk=min(
-            noise.velocity_random_walk, moving[1] if options.vrw is None else np.inf
-        ),
-    )
+    return replace(noise, angle_random_walk=min(noise.angle_random_walk, moving[0]))
 
 
 def as_in_motion(source: Source, noise: SensorGrade) -> SensorGrade:
-    """Errors of a grade with the white noise that the log shows in motion, if it does."""
+    """Errors of a grade with the white noise that the log shows in motion, if it does.
+
+    That of accelerometers is no less than the grade's, as it stands in for cross-axis errors.
+    """
     moving = walks_in_motion(source)
     if moving is None:
         return noise
-    return replace(noise, angle_random_walk=moving[0], velocity_random_walk=moving[1])
+    accel = max(noise.velocity_random_walk, moving[1])
+    return replace(noise, angle_random_walk=moving[0], velocity_random_walk=accel)
 
 
 def has_scales(config: ProcessConfig) -> bool:

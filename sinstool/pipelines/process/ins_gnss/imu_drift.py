@@ -82,18 +82,18 @@ class NoiseFactors:
     Attributes
     ----------
     gyro, accel : float
-        Of what of the biases wanders, and of white noise within its bounds.
+        Of what of the biases wanders, and of white noise.
     scale : float
         Of what of the scale factors wanders.
-    white : tuple of tuple of float
-        Least and largest factor of the white noise of gyros, and of accelerometers: as far as a
-        log shows it by itself, the drift has no say.
+    white : tuple of float
+        Least and largest factor of the white noise of gyros: as far as a log shows it by itself,
+        the drift has no say.
     """
 
     gyro: float
     accel: float
     scale: float = 1.0
-    white: tuple[Bounds, Bounds] = (ANY, ANY)
+    white: Bounds = ANY
 
     @property
     def ordinary(self) -> bool:
@@ -109,15 +109,12 @@ class NoiseFactors:
             Whether fictitious noise, if there is any, remains.
         """
         imu, control = settings.imu, settings.control
-        gyro, accel = (
-            min(max(factor, least), most)
-            for factor, (least, most) in zip((self.gyro, self.accel), self.white, strict=True)
-        )
+        least, most = self.white
         noisier = replace(
             imu,
-            angle_random_walk=gyro * imu.angle_random_walk,
+            angle_random_walk=min(max(self.gyro, least), most) * imu.angle_random_walk,
             gyro_instability=self.gyro * imu.gyro_instability,
-            velocity_random_walk=accel * imu.velocity_random_walk,
+            velocity_random_walk=self.accel * imu.velocity_random_walk,
             accel_instability=self.accel * imu.accel_instability,
             scale_wander=min(1.0, self.scale * imu.scale_wander),
         )
@@ -220,7 +217,7 @@ class Drift:
         self._start = start
         self._estimated = config.filter.virtual_noise == "auto"
         self._measured = config.navigation.imu_noise is not None
-        self._white = _white_bounds(source, start)
+        self._white, self._least = _white_noise(source, start)
         self._shaken = _shaken_at_rest(source, start)
         shown = shown_increments(source, config, algorithm, start, None)
         self._increments = shown_increments(source, config, algorithm, start)
@@ -243,6 +240,7 @@ class Drift:
         if windows is None or windows.restarts or windows.moved.sum() < LEAST_WINDOWS:
             return NoiseFactors(self.ratio, self.ratio)
         gyro, accel, scale = likeliest(self._errors, self._weight)
+        accel = max(accel, self._least)
         scale = scale if scale > LEAST_CHANGE else 1.0
         if max(gyro, accel) > LEAST_CHANGE or self._measured:
             gyro, accel = max(gyro, 1.0), max(accel, 1.0)
@@ -421,23 +419,30 @@ def _shaken_at_rest(source: Source, start: FilterStart) -> bool:
     return walks is not None and bool(np.any(np.array(walks) > LEAST_CHANGE * own))
 
 
-def _white_bounds(source: Source, start: FilterStart) -> tuple[Bounds, Bounds]:
-    """Bounds of the white noise of gyros and accelerometers over that of the settings.
+def _white_noise(source: Source, start: FilterStart) -> tuple[Bounds, float]:
+    """What a log shows of the white noise over that of the settings.
 
     Sensors are no quieter than at rest, which does not hold for a grade that was judged by its
-    drift, as an idling engine looks like poor sensors. Gyros are no noisier than in motion. That of
-    accelerometers stands in for their cross-axis errors, of which a filter has no states, and that
-    of a MEMS grade for more.
+    drift, as an idling engine looks like poor sensors. Gyros are no noisier than in motion. White
+    noise of accelerometers stands in for their cross-axis errors, of which a filter has no states,
+    and that of a MEMS grade for more.
+
+    Returns
+    -------
+    tuple of float
+        Bounds of that of gyros.
+    float
+        Least of that of accelerometers.
     """
     moving, imu = walks_in_motion(source), start.settings.imu
     assumed = imu.angle_random_walk, imu.velocity_random_walk
     if start.grade.grade == "mems" or not all(assumed):
-        return ANY, ANY
+        return ANY, 0.0
     walks = None if start.grade.by_drift else random_walks(source)
     shown = np.full(2, np.inf) if moving is None else np.divide(moving, assumed)
     rest = np.zeros(2) if walks is None else np.divide(walks, assumed)
     gyro, accel = np.minimum(np.minimum(rest, shown), 1.0).tolist()
-    return (gyro, max(float(shown[0]), 1.0)), (accel, np.inf)
+    return (gyro, max(float(shown[0]), 1.0)), accel
 
 
 def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:

@@ -43,12 +43,9 @@ def test_white_noise_stays_within_what_a_log_shows():
     settings = Settings(imu=IMU_GRADES["industrial"])
     imu = settings.imu
     for factor, white in ((0.3, 0.8), (3.0, 1.2), (1.1, 1.1)):
-        bounds = (0.8, 1.2), (0.5, np.inf)
-        changed = NoiseFactors(factor, factor, 1.0, bounds).of(settings, True).imu
+        changed = NoiseFactors(factor, factor, 1.0, (0.8, 1.2)).of(settings, True).imu
         assert changed.angle_random_walk == pytest.approx(white * imu.angle_random_walk)
-        assert changed.velocity_random_walk == pytest.approx(
-            max(factor, 0.5) * imu.velocity_random_walk
-        )
+        assert changed.velocity_random_walk == pytest.approx(factor * imu.velocity_random_walk)
         assert changed.gyro_instability == pytest.approx(factor * imu.gyro_instability)
         assert changed.accel_instability == pytest.approx(factor * imu.accel_instability)
 
@@ -81,7 +78,8 @@ def test_factors_make_up_for_a_grade_that_is_too_cautious(industrial):
         used = drift.used(drift.factors()).imu
         assert used.angle_random_walk < 0.7 * start.settings.imu.angle_random_walk
         noise.append([used.angle_random_walk, used.velocity_random_walk])
-    assert np.allclose(noise[0], noise[1], rtol=0.3)
+    # Scale factors stand in for accelerometers, as far as the prior of either has it
+    assert np.all(np.abs(np.log(np.divide(*noise))) < np.log([1.3, 2.5])), noise
     # No better than at rest
     rest = GRADES["industrial"]
     assert np.all(np.array(noise) > 0.95 * np.array([rest.angle_random_walk, 0.0]))
