@@ -54,6 +54,7 @@ from sinstool.survey.grade import (
     sensor_grade,
     to_align_as,
 )
+from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
 # A grade that drifts so many times as much as its own sigmas say is none of the Imu's.
@@ -304,6 +305,7 @@ def _drifting(
     """A start with Imu noise that explains the drift where fixes are left out."""
     if config.in_flight.arw is not None or config.in_flight.vrw is not None:
         return start
+    start = _as_quiet_as_in_motion(source, config, start)
     drift = Drift(source, config, algorithm, _by_the_fixes(start))
     worse = next_worse(start.grade.grade)
     if drift.ratio > OTHER_GRADE and worse is not None:
@@ -312,6 +314,7 @@ def _drifting(
         try:
             first = first_start(source, config, ImuGrade(worse, why), start.lag)
             other = _timed(source, config, algorithm, first)
+            other = _as_quiet_as_in_motion(source, config, other)
         except AlignmentError:
             other = start
         less = Drift(source, config, algorithm, _by_the_fixes(other))
@@ -325,6 +328,7 @@ def _drifting(
             judged = ImuGrade(better, why, by_drift=True, aligned_as=before)
             first = first_start(source, config, judged, start.lag)
             start = _timed(source, config, algorithm, first)
+            start = _as_quiet_as_in_motion(source, config, start)
             drift = Drift(source, config, algorithm, _by_the_fixes(start))
             factors = drift.factors()
             log_choice("IMU grade", f"{better}, {judged.why}")
@@ -341,6 +345,21 @@ def _drifting(
         settings=replace(start.settings, imu=used.imu, control=used.control),
         grade=replace(start.grade, why=why),
     )
+
+
+def _as_quiet_as_in_motion(
+    source: Source, config: ProcessConfig, start: FilterStart
+) -> FilterStart:
+    """A start whose accelerometers are no noisier than motion shows; its drift says what is more.
+
+    Slow errors of fixes have been judged before, as accelerometers that are taken for too quiet put
+    the blame on them.
+    """
+    moving, imu = walks_in_motion(source), start.settings.imu
+    if moving is None or start.grade.grade == "mems" or config.navigation.imu_noise is not None:
+        return start
+    quiet = replace(imu, velocity_random_walk=min(imu.velocity_random_walk, moving[1]))
+    return replace(start, settings=replace(start.settings, imu=quiet))
 
 
 def _better(
