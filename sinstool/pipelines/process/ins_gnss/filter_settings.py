@@ -72,11 +72,11 @@ def filter_settings(
 
 
 def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
-    """Errors of the sensors: of a grade, with as much white noise as the log shows.
+    """Errors of the sensors: of a grade, with no less white noise than the log shows.
 
-    That is at least what a rest shows, and at most what motion does, but for a MEMS grade. Noise
-    tells a navigation grade from others, but leaves its biases open, and scale factors are
-    then no better than those of the grade below.
+    That is what a rest shows, or motion, where that is less, but for a MEMS grade. Noise tells a
+    navigation grade from others, but leaves its biases open, and scale factors are then no better
+    than those of the grade below.
     """
     noise, walks = imu_noise(config, grade.grade, has_scales(config)), random_walks(source)
     options, file = config.in_flight, config.navigation.imu_noise
@@ -101,9 +101,7 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
         # What options say stays
         same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
         noise = replace(noise, **{name: changes[name] for name in same})
-    if moving is None or options.arw is not None:
-        return noise
-    return replace(noise, angle_random_walk=min(noise.angle_random_walk, moving[0]))
+    return noise
 
 
 def as_in_motion(source: Source, noise: SensorGrade) -> SensorGrade:

@@ -229,6 +229,12 @@ class Drift:
         windows = self._as_graded
         return 1.0 if windows is None else windows.ratio
 
+    @property
+    def tells(self) -> bool:
+        """Whether enough windows show the noise, and no restart of the filter spoils them."""
+        windows = self._as_graded
+        return windows is not None and not (windows.restarts or windows.moved.sum() < LEAST_WINDOWS)
+
     def factors(self) -> NoiseFactors:
         """Noise of gyros and accelerometers over that of the settings.
 
@@ -236,8 +242,7 @@ class Drift:
         better than its own; nor is any by a log in which the vehicle hardly moves, or whose noise
         was measured. Sensors that a rest shows to be quiet are no quieter in motion.
         """
-        windows = self._as_graded
-        if windows is None or windows.restarts or windows.moved.sum() < LEAST_WINDOWS:
+        if not self.tells:
             return NoiseFactors(self.ratio, self.ratio)
         gyro, accel, scale = likeliest(self._errors, self._weight)
         accel = max(accel, self._least)

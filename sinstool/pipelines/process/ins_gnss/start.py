@@ -305,8 +305,7 @@ def _drifting(
     """A start with Imu noise that explains the drift where fixes are left out."""
     if config.in_flight.arw is not None or config.in_flight.vrw is not None:
         return start
-    start = _as_quiet_as_in_motion(source, config, start)
-    drift = Drift(source, config, algorithm, _by_the_fixes(start))
+    start, drift = _as_quiet_as_in_motion(source, config, algorithm, start)
     worse = next_worse(start.grade.grade)
     if drift.ratio > OTHER_GRADE and worse is not None:
         # Noise at rest says nothing of biases and scale factors
@@ -314,10 +313,9 @@ def _drifting(
         try:
             first = first_start(source, config, ImuGrade(worse, why), start.lag)
             other = _timed(source, config, algorithm, first)
-            other = _as_quiet_as_in_motion(source, config, other)
         except AlignmentError:
             other = start
-        less = Drift(source, config, algorithm, _by_the_fixes(other))
+        other, less = _as_quiet_as_in_motion(source, config, algorithm, other)
         if less.ratio < drift.ratio:
             start, drift = other, less
     factors = drift.factors()
@@ -328,8 +326,7 @@ def _drifting(
             judged = ImuGrade(better, why, by_drift=True, aligned_as=before)
             first = first_start(source, config, judged, start.lag)
             start = _timed(source, config, algorithm, first)
-            start = _as_quiet_as_in_motion(source, config, start)
-            drift = Drift(source, config, algorithm, _by_the_fixes(start))
+            start, drift = _as_quiet_as_in_motion(source, config, algorithm, start)
             factors = drift.factors()
             log_choice("IMU grade", f"{better}, {judged.why}")
         except AlignmentError:
@@ -348,18 +345,26 @@ def _drifting(
 
 
 def _as_quiet_as_in_motion(
-    source: Source, config: ProcessConfig, start: FilterStart
-) -> FilterStart:
-    """A start whose accelerometers are no noisier than motion shows; its drift says what is more.
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> tuple[FilterStart, Drift]:
+    """A start whose sensors are no noisier than motion shows, and its drift, which says what is.
 
-    Slow errors of fixes have been judged before, as accelerometers that are taken for too quiet put
-    the blame on them.
+    Where a log shows too little of that the start stays as it is. Slow errors of fixes have been
+    judged before, as sensors that are taken for too quiet put the blame on them.
     """
     moving, imu = walks_in_motion(source), start.settings.imu
-    if moving is None or start.grade.grade == "mems" or config.navigation.imu_noise is not None:
-        return start
-    quiet = replace(imu, velocity_random_walk=min(imu.velocity_random_walk, moving[1]))
-    return replace(start, settings=replace(start.settings, imu=quiet))
+    stated = start.grade.grade == "mems" or config.navigation.imu_noise is not None
+    if moving is not None and not stated:
+        quiet = replace(
+            imu,
+            angle_random_walk=min(imu.angle_random_walk, moving[0]),
+            velocity_random_walk=min(imu.velocity_random_walk, moving[1]),
+        )
+        quieter = replace(start, settings=replace(start.settings, imu=quiet))
+        drift = Drift(source, config, algorithm, _by_the_fixes(quieter))
+        if drift.tells:
+            return quieter, drift
+    return start, Drift(source, config, algorithm, _by_the_fixes(start))
 
 
 def _better(
