@@ -18,6 +18,7 @@ from sinstool.methods.sensor_errors import (
     grade_by_bias,
     grade_by_noise,
 )
+from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
@@ -177,10 +178,16 @@ def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     walk = random_walk(source) if measured is None else measured
     if walk is None:
         return ImuGrade("mems", "assumed, as the log shows no rest")
-    shown = walk / DEGREE_PER_ROOT_HOUR
     if measured is None and _hides_noise(source, config):
         return ImuGrade("mems", "as the resolution of its gyros hides their noise at rest")
     where = f"in {Path(file).name}" if file is not None and measured is not None else "at rest"
+    moving = (
+        walks_in_motion(source) if measured is None and source.aiding.gnss is not None else None
+    )
+    if moving is not None and moving[0] < walk:
+        # What shakes the vehicle where it stands, an engine or people, is no noise of the Imu
+        walk, where = moving[0], "in motion, less than at rest"
+    shown = walk / DEGREE_PER_ROOT_HOUR
     grade, why = grade_by_noise(walk), f"by its gyro noise {where}, {shown:.2g} deg/sqrt(h)"
     bias = bias_at_rest(source)
     if bias is None and measured is None and grade == "tactical" and not _small_bias(source):

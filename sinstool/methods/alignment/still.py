@@ -7,7 +7,7 @@ mean; the means only have to stay what they were.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import dist, sqrt
+from math import comb, dist, sqrt
 
 import numpy as np
 
@@ -32,8 +32,12 @@ MIN_SAMPLES = 4
 MIN_WINDOWS = 2
 
 # Columns of a window row
-_INDEX, _COUNT, _MEAN, _SQUARES = 0, 1, 2, 8
-WIDTH = 14
+_INDEX, _COUNT, _MEAN, _SQUARES, _CHANGES = 0, 1, 2, 8, 14
+WIDTH = 20
+# Of white noise the differences of this order have so many times the variance. They leave out what
+# lasts for longer than some samples, as motion does.
+ORDER = 6
+_OF_DIFFERENCES = comb(2 * ORDER, ORDER)
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,9 @@ class Windows:
         Means, rad/s and m/s^2.
     gyro_std, accel_std : ndarray, shape (n,)
         Root of the summed variances of the axes.
+    gyro_fast, accel_fast : ndarray, shape (n,)
+        The same of what changes from sample to sample only: noise, without motion. NaN where there
+        are too few samples.
     """
 
     start_ns: np.ndarray
@@ -56,6 +63,8 @@ class Windows:
     accel: np.ndarray
     gyro_std: np.ndarray
     accel_std: np.ndarray
+    gyro_fast: np.ndarray
+    accel_fast: np.ndarray
 
     def __len__(self) -> int:
         return len(self.start_ns)
@@ -67,6 +76,8 @@ class WindowStage:
     def __init__(self) -> None:
         self._origin: int | None = None
         self._open = np.zeros(WIDTH)
+        # Differences of each order up to the last, and how many samples they are of
+        self._differences, self._samples = np.zeros((ORDER, 6)), np.zeros(1, np.int64)
         self._closed: list[np.ndarray] = []
 
     def push(self, time_ns: np.ndarray, gyro: np.ndarray, accel: np.ndarray) -> None:
@@ -83,7 +94,7 @@ class WindowStage:
             self._origin = int(time_ns[0])
         index = (time_ns - self._origin) // WINDOW_NS
         rows = np.empty((len(time_ns) + 1, WIDTH))
-        closed = _accumulate(index, gyro, accel, self._open, rows)
+        closed = _accumulate(index, gyro, accel, self._open, rows, self._differences, self._samples)
         if closed:
             self._closed.append(rows[:closed].copy())
 
@@ -93,7 +104,10 @@ class WindowStage:
         if self._open[_COUNT] > 0:
             parts.append(self._open[None, :].copy())
         rows = np.concatenate(parts) if parts else np.empty((0, WIDTH))
-        variance = rows[:, _SQUARES:] / np.maximum(rows[:, _COUNT : _COUNT + 1] - 1.0, 1.0)
+        count = rows[:, _COUNT : _COUNT + 1]
+        variance = rows[:, _SQUARES:_CHANGES] / np.maximum(count - 1.0, 1.0)
+        changes = rows[:, _CHANGES:] / (_OF_DIFFERENCES * count)
+        changes[np.cumsum(count) <= 2 * ORDER] = np.nan
         return Windows(
             (self._origin or 0) + rows[:, _INDEX].astype(np.int64) * WINDOW_NS,
             rows[:, _COUNT].astype(np.int64),
@@ -101,6 +115,8 @@ class WindowStage:
             rows[:, _MEAN + 3 : _MEAN + 6],
             np.sqrt(variance[:, :3].sum(axis=1)),
             np.sqrt(variance[:, 3:].sum(axis=1)),
+            np.sqrt(changes[:, :3].sum(axis=1)),
+            np.sqrt(changes[:, 3:].sum(axis=1)),
         )
 
 
@@ -214,7 +230,7 @@ def lead_in(spans: list[StillSpan], first_ns: int) -> StillSpan | None:
 
 
 @kernel()
-def _accumulate(index, gyro, accel, state, rows):  # type: ignore[no-untyped-def]
+def _accumulate(index, gyro, accel, state, rows, differences, samples):  # type: ignore[no-untyped-def]
     """Welford sums per window; closed windows go to ``rows``, the open one stays in ``state``."""
     closed = 0
     for i in range(index.shape[0]):
@@ -230,4 +246,11 @@ def _accumulate(index, gyro, accel, state, rows):  # type: ignore[no-untyped-def
             delta = value - state[2 + a]
             state[2 + a] += delta / state[1]
             state[8 + a] += delta * (value - state[2 + a])
+            for order in range(differences.shape[0]):
+                before = differences[order, a]
+                differences[order, a] = value
+                value -= before
+            if samples[0] >= differences.shape[0]:
+                state[14 + a] += value * value
+        samples[0] += 1
     return closed

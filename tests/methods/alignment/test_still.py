@@ -49,6 +49,19 @@ def test_windows_are_means_and_deviations_of_half_seconds():
             np.testing.assert_allclose(std, expected, rtol=1e-10, atol=1e-12)
 
 
+def test_what_is_fast_is_noise_and_no_motion():
+    rng = np.random.default_rng(2)
+    times = np.arange(6000) * 5_000_000
+    motion = 20.0 * np.sin(2.0 * np.pi * 5.0 * times[:, None] * 1e-9 + np.arange(3.0))
+    noise = rng.standard_normal((2, 6000, 3))
+    actual = windows(motion + 0.02 * noise[0], 5.0 * motion + 0.3 * noise[1], times)
+    for fast, sigma in ((actual.gyro_fast, 0.02), (actual.accel_fast, 0.3)):
+        assert np.sqrt(np.mean(fast[1:] ** 2)) == pytest.approx(np.sqrt(3.0) * sigma, rel=0.03)
+    # of too few samples nothing is known
+    few = windows(motion[:10], motion[:10], times[:10])
+    assert np.isnan(few.gyro_fast).all() and np.isnan(few.accel_fast).all()
+
+
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.lists(st.integers(1, 400), min_size=1, max_size=30))
 def test_blocks_do_not_matter(seed, sizes):

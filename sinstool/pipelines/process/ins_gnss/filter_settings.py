@@ -22,6 +22,7 @@ from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.imu_fit import next_worse
 from sinstool.survey.grade import ImuGrade, random_walk, random_walks
+from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
 # Noise at rest, over what the options say of it, that is worth a warning.
@@ -71,19 +72,24 @@ def filter_settings(
 
 
 def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
-    """Errors of the sensors: of a grade that a rest shows, no less than the noise there.
+    """Errors of the sensors: of a grade, with no less white noise than the log shows.
 
-    Noise tells a navigation grade from others, but leaves its biases open, and scale factors are
-    then no better than those of the grade below.
+    That is what a rest shows, or motion, where that is less, but for a MEMS grade. Noise tells a
+    navigation grade from others, but leaves its biases open, and scale factors are then no better
+    than those of the grade below.
     """
     noise, walks = imu_noise(config, grade.grade, has_scales(config)), random_walks(source)
     options, file = config.in_flight, config.navigation.imu_noise
     if grade.by_drift:
         # Which says little of the biases at the start
         below = imu_noise(config, next_worse(grade.grade) or grade.grade, has_scales(config))
-        return replace(noise, gyro_bias=below.gyro_bias, accel_bias=below.accel_bias)
+        noise = replace(noise, gyro_bias=below.gyro_bias, accel_bias=below.accel_bias)
+        return as_in_motion(source, noise)
     if config.navigation.imu_grade != "auto" or walks is None:
         return noise
+    moving = None if grade.grade == "mems" or file is not None else walks_in_motion(source)
+    if moving is not None:
+        walks = min(walks[0], moving[0]), min(walks[1], moving[1])
     if options.vrw is None:
         noise = replace(noise, velocity_random_walk=max(noise.velocity_random_walk, walks[1]))
     if grade.grade == "navigation" and file is None:
@@ -96,6 +102,18 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
         same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
         noise = replace(noise, **{name: changes[name] for name in same})
     return noise
+
+
+def as_in_motion(source: Source, noise: SensorGrade) -> SensorGrade:
+    """Errors of a grade with the white noise that the log shows in motion, if it does.
+
+    That of accelerometers is no less than the grade's, as it stands in for cross-axis errors.
+    """
+    moving = walks_in_motion(source)
+    if moving is None:
+        return noise
+    accel = max(noise.velocity_random_walk, moving[1])
+    return replace(noise, angle_random_walk=moving[0], velocity_random_walk=accel)
 
 
 def has_scales(config: ProcessConfig) -> bool:

@@ -44,6 +44,7 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.likeliest_noise import MOST_SQUARE, cost, likeliest
 from sinstool.survey.grade import random_walks
 from sinstool.survey.increments import first_increments
+from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
 # So much of a log shows it.
@@ -68,6 +69,8 @@ LEAST_CHANGE = 1.3
 MOST_BETTER = 8.0
 
 T = TypeVar("T")
+Bounds = tuple[float, float]
+ANY: Bounds = (0.0, np.inf)
 
 
 @dataclass(frozen=True)
@@ -77,14 +80,18 @@ class NoiseFactors:
     Attributes
     ----------
     gyro, accel : float
-        Of white noise and of what of the biases wanders.
+        Of what of the biases wanders, and of white noise.
     scale : float
         Of what of the scale factors wanders.
+    white : tuple of float
+        Least and largest factor of the white noise of gyros: as far as a log shows it by itself,
+        the drift has no say.
     """
 
     gyro: float
     accel: float
     scale: float = 1.0
+    white: Bounds = ANY
 
     @property
     def ordinary(self) -> bool:
@@ -100,9 +107,10 @@ class NoiseFactors:
             Whether fictitious noise, if there is any, remains.
         """
         imu, control = settings.imu, settings.control
+        least, most = self.white
         noisier = replace(
             imu,
-            angle_random_walk=self.gyro * imu.angle_random_walk,
+            angle_random_walk=min(max(self.gyro, least), most) * imu.angle_random_walk,
             gyro_instability=self.gyro * imu.gyro_instability,
             velocity_random_walk=self.accel * imu.velocity_random_walk,
             accel_instability=self.accel * imu.accel_instability,
@@ -208,7 +216,7 @@ class Drift:
         self._estimated = config.filter.virtual_noise == "auto"
         self._measured = config.navigation.imu_noise is not None
         rest = _noise_at_rest(source, start)
-        self._least = _least(start, rest)
+        self._white, self._least = _white_noise(source, start, rest)
         # By an engine or people, which is no noise of the Imu in motion
         self._shaken = bool(np.any(rest > LEAST_CHANGE))
         self._guess = rest if np.all(rest > 0.0) and not self._shaken else None
@@ -222,6 +230,12 @@ class Drift:
         windows = self._as_graded
         return 1.0 if windows is None else windows.ratio
 
+    @property
+    def tells(self) -> bool:
+        """Whether enough windows show the noise, and no restart of the filter spoils them."""
+        windows = self._as_graded
+        return windows is not None and not (windows.restarts or windows.moved.sum() < LEAST_WINDOWS)
+
     def factors(self) -> NoiseFactors:
         """Noise of gyros and accelerometers over that of the settings.
 
@@ -229,17 +243,16 @@ class Drift:
         better than its own; nor is any by a log in which the vehicle hardly moves, or whose noise
         was measured. Sensors that a rest shows to be quiet are no quieter in motion.
         """
-        windows = self._as_graded
-        if windows is None or windows.restarts or windows.moved.sum() < LEAST_WINDOWS:
+        if not self.tells:
             return NoiseFactors(self.ratio, self.ratio)
         gyro, accel, scale = likeliest(self._errors, self._weight, self._guess)
-        gyro, accel = np.maximum((gyro, accel), self._least).tolist()
+        accel = max(accel, self._least)
         scale = scale if scale > LEAST_CHANGE else 1.0
         if max(gyro, accel) > LEAST_CHANGE or self._measured:
             gyro, accel = max(gyro, 1.0), max(accel, 1.0)
         if max(gyro, accel, 1.0 / gyro, 1.0 / accel) < LEAST_CHANGE:
             gyro = accel = 1.0
-        return NoiseFactors(gyro, accel, scale)
+        return NoiseFactors(gyro, accel, scale, self._white)
 
     def used(self, factors: NoiseFactors) -> Settings:
         """The settings with such noise, and without a fictitious one that has been measured."""
@@ -285,7 +298,7 @@ class Drift:
         return 1.0 if self._as_graded is None else self._as_graded.looks / len(LOOKS)
 
     def _errors(self, gyro: float, accel: float, scale: float) -> tuple[FloatArray, FloatArray]:
-        factors = NoiseFactors(gyro, accel, scale)
+        factors = NoiseFactors(gyro, accel, scale, self._white)
         return self._looked(factors.of(self._start.settings, not self._estimated))
 
     @cached_property
@@ -424,13 +437,34 @@ def _noise_at_rest(source: Source, start: FilterStart) -> FloatArray:
         return np.divide(walks, (imu.angle_random_walk, imu.velocity_random_walk))
 
 
-def _least(start: FilterStart, rest: FloatArray) -> FloatArray:
-    """Noise over that of the settings that sensors have at least, as they show it at rest.
+def _white_noise(source: Source, start: FilterStart, rest: FloatArray) -> tuple[Bounds, float]:
+    """What a log shows of the white noise over that of the settings.
 
-    0 for a MEMS grade and for one judged by its drift: an idling engine looks like poor sensors.
+    Sensors are no quieter than at rest, which does not hold for a grade that was judged by its
+    drift, as an idling engine looks like poor sensors. Gyros are no noisier than in motion. White
+    noise of accelerometers stands in for their cross-axis errors, of which a filter has no states,
+    and that of a MEMS grade for more.
+
+    Parameters
+    ----------
+    rest : ndarray, shape (2,)
+        See :func:`_noise_at_rest`.
+
+    Returns
+    -------
+    tuple of float
+        Bounds of that of gyros.
+    float
+        Least of that of accelerometers.
     """
-    vehicle = start.grade.grade == "mems" or start.grade.by_drift
-    return np.zeros(2) if vehicle or not np.isfinite(rest).all() else np.minimum(rest, 1.0)
+    moving, imu = walks_in_motion(source), start.settings.imu
+    assumed = imu.angle_random_walk, imu.velocity_random_walk
+    if start.grade.grade == "mems" or not all(assumed):
+        return ANY, 0.0
+    shown = np.full(2, np.inf) if moving is None else np.divide(moving, assumed)
+    rest = np.zeros(2) if start.grade.by_drift else np.nan_to_num(rest)
+    gyro, accel = np.minimum(np.minimum(rest, shown), 1.0).tolist()
+    return (gyro, max(float(shown[0]), 1.0)), accel
 
 
 def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:

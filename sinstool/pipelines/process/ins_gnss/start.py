@@ -26,6 +26,7 @@ from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
+    as_in_motion,
     barometer,
     filter_settings,
     has_scales,
@@ -53,6 +54,7 @@ from sinstool.survey.grade import (
     sensor_grade,
     to_align_as,
 )
+from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
 # A grade that drifts so many times as much as its own sigmas say is none of the Imu's.
@@ -303,7 +305,7 @@ def _drifting(
     """A start with Imu noise that explains the drift where fixes are left out."""
     if config.in_flight.arw is not None or config.in_flight.vrw is not None:
         return start
-    drift = Drift(source, config, algorithm, _by_the_fixes(start))
+    start, drift = _as_quiet_as_in_motion(source, config, algorithm, start)
     worse = next_worse(start.grade.grade)
     if drift.ratio > OTHER_GRADE and worse is not None:
         # Noise at rest says nothing of biases and scale factors
@@ -313,18 +315,18 @@ def _drifting(
             other = _timed(source, config, algorithm, first)
         except AlignmentError:
             other = start
-        less = Drift(source, config, algorithm, _by_the_fixes(other))
+        other, less = _as_quiet_as_in_motion(source, config, algorithm, other)
         if less.ratio < drift.ratio:
             start, drift = other, less
     factors = drift.factors()
-    better = _better(config, drift, factors, start.grade.grade)
+    better = _better(source, config, drift, factors, start.grade.grade)
     if better is not None:
         try:
             why, before = "by its drift without fixes", start.grade.grade
             judged = ImuGrade(better, why, by_drift=True, aligned_as=before)
             first = first_start(source, config, judged, start.lag)
             start = _timed(source, config, algorithm, first)
-            drift = Drift(source, config, algorithm, _by_the_fixes(start))
+            start, drift = _as_quiet_as_in_motion(source, config, algorithm, start)
             factors = drift.factors()
             log_choice("IMU grade", f"{better}, {judged.why}")
         except AlignmentError:
@@ -342,8 +344,31 @@ def _drifting(
     )
 
 
+def _as_quiet_as_in_motion(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> tuple[FilterStart, Drift]:
+    """A start whose sensors are no noisier than motion shows, and its drift, which says what is.
+
+    Where a log shows too little of that the start stays as it is. Slow errors of fixes have been
+    judged before, as sensors that are taken for too quiet put the blame on them.
+    """
+    moving, imu = walks_in_motion(source), start.settings.imu
+    stated = start.grade.grade == "mems" or config.navigation.imu_noise is not None
+    if moving is not None and not stated:
+        quiet = replace(
+            imu,
+            angle_random_walk=min(imu.angle_random_walk, moving[0]),
+            velocity_random_walk=min(imu.velocity_random_walk, moving[1]),
+        )
+        quieter = replace(start, settings=replace(start.settings, imu=quiet))
+        drift = Drift(source, config, algorithm, _by_the_fixes(quieter))
+        if drift.tells:
+            return quieter, drift
+    return start, Drift(source, config, algorithm, _by_the_fixes(start))
+
+
 def _better(
-    config: ProcessConfig, drift: Drift, factors: NoiseFactors, grade: Grade
+    source: Source, config: ProcessConfig, drift: Drift, factors: NoiseFactors, grade: Grade
 ) -> Grade | None:
     """A better grade that explains a drift clearly better than quieter sensors of this one do.
 
@@ -355,7 +380,8 @@ def _better(
     order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
     scales = has_scales(config)
     others = order[order.index(grade) + 1 :]
-    gains = drift.gains(factors, {other: imu_noise(config, other, scales) for other in others})
+    sensors = {o: as_in_motion(source, imu_noise(config, o, scales)) for o in others}
+    gains = drift.gains(factors, sensors)
     best = max(gains, key=lambda other: gains[other], default=None)
     return best if best is not None and gains[best] > LEAST_GAIN else None
 

@@ -9,6 +9,7 @@ import pytest
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import GnssEpochs
 from sinstool.io.readers import open_log
+from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.pipelines.plan import make_plan
 from sinstool.pipelines.process.ins_gnss.imu_drift import (
@@ -36,6 +37,17 @@ from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
 )
 def test_factors_in_words(factors, text):
     assert str(NoiseFactors(*factors)) == text
+
+
+def test_white_noise_stays_within_what_a_log_shows():
+    settings = Settings(imu=IMU_GRADES["industrial"])
+    imu = settings.imu
+    for factor, white in ((0.3, 0.8), (3.0, 1.2), (1.1, 1.1)):
+        changed = NoiseFactors(factor, factor, 1.0, (0.8, 1.2)).of(settings, True).imu
+        assert changed.angle_random_walk == pytest.approx(white * imu.angle_random_walk)
+        assert changed.velocity_random_walk == pytest.approx(factor * imu.velocity_random_walk)
+        assert changed.gyro_instability == pytest.approx(factor * imu.gyro_instability)
+        assert changed.accel_instability == pytest.approx(factor * imu.accel_instability)
 
 
 def drift_of(path, change=lambda settings: settings, **groups):
@@ -66,11 +78,26 @@ def test_factors_make_up_for_a_grade_that_is_too_cautious(industrial):
         used = drift.used(drift.factors()).imu
         assert used.angle_random_walk < 0.7 * start.settings.imu.angle_random_walk
         noise.append([used.angle_random_walk, used.velocity_random_walk])
-    assert np.allclose(noise[0], noise[1], rtol=0.3)
+    # Scale factors stand in for accelerometers, as far as the prior of either has it
+    assert np.all(np.abs(np.log(np.divide(*noise))) < np.log([1.3, 2.5])), noise
     # No better than at rest
     rest = GRADES["industrial"]
     assert np.all(np.array(noise) > 0.95 * np.array([rest.angle_random_walk, 0.0]))
     assert np.all(np.array(noise) > 0.95 * np.array([0.0, rest.velocity_random_walk]))
+
+
+def test_gyros_are_as_noisy_as_at_rest_and_in_motion(industrial):
+    """An industrial grade has them twice as noisy."""
+    start, drift = drift_of(industrial, **GROUPS)
+    truth = GRADES["industrial"]
+    assert start.grade.grade == "industrial"
+    for imu in (start.settings.imu, drift.used(drift.factors()).imu):
+        assert imu.angle_random_walk == pytest.approx(truth.angle_random_walk, rel=0.15)
+    noise = drift.factors()
+    for factor in (1e-2, 1e2):
+        forced = replace(noise, gyro=factor, accel=factor)
+        walk = drift.used(forced).imu.angle_random_walk
+        assert walk == pytest.approx(truth.angle_random_walk, rel=0.15)
 
 
 def test_scale_factors_that_wander_are_found(industrial):

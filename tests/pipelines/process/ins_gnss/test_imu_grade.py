@@ -6,7 +6,7 @@ import pytest
 from benchmarks.trusted_navigation import process
 from sinstool.core.errors import AlignmentError
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
-from sinstool.methods.sensor_errors import IMU_GRADES
+from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES
 from sinstool.pipelines.process.ins_gnss import first_state
 from tests.helpers.filter_logs import simulated, start_of
 from tests.helpers.unseen_drives import (
@@ -53,21 +53,38 @@ def test_innovations_refute_the_grade_of_a_rest(tmp_path):
     assert "clearly likelier than as a tactical one" in start.grade.why
 
 
-def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path):
-    """Heading was known to 0.37 deg where it is known to 0.07."""
-    log = simulated(
-        tmp_path / "log.mcap", "drive", "--duration", "600", "--still", "30", "--grade", "tactical",
-        "--rate", "50", "--seed", "3", "--idle", "0.3,0.01", "--gnss-model", "coloured",
+def idling(path, grade, seed):
+    """Drive in a car whose engine shakes the sensors at each rest."""
+    return simulated(
+        path, "drive", "--duration", "600", "--still", "30", "--grade", grade, "--rate", "50",
+        "--seed", str(seed), "--idle", "0.3,0.01", "--gnss-model", "coloured",
     )  # fmt: skip
+
+
+def test_sensors_that_an_idling_engine_shakes_are_known_by_their_noise_in_motion(tmp_path):
+    """Heading was known to 0.37 deg where it is known to 0.07."""
+    log = idling(tmp_path / "log.mcap", "tactical", 3)
+    start = start_of(log, gnss={"gnss_latency": 0.0})
+    imu, truth = start.settings.imu, SIMULATED_GRADES["tactical"]
+    assert start.grade.grade in ("industrial", "tactical")
+    assert "in motion, less than at rest" in start.grade.why
+    assert 0.7 < imu.angle_random_walk / truth.angle_random_walk < 1.3
+    # 15 times at rest, a grade's six times
+    assert 0.7 < imu.velocity_random_walk / truth.velocity_random_walk < 7.0
+    noise = start_of(log, gnss={"gnss_latency": 0.0}, navigation={"imu_grade": "mems"})
+    assert noise.settings.imu == IMU_GRADES["mems"] and not noise.grade.by_drift
+
+
+def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path):
+    log = idling(tmp_path / "log.mcap", "mems", 3)
     start = start_of(log, gnss={"gnss_latency": 0.0})
     imu, better = start.settings.imu, IMU_GRADES["industrial"]
     assert start.grade.by_drift and start.grade.grade in ("industrial", "tactical")
     assert "by its drift without fixes" in start.grade.why
-    # The rest, at which it shakes, bounds no noise; of its biases drift says little
-    assert imu.angle_random_walk < 0.3 * IMU_GRADES["mems"].angle_random_walk
+    # The rest, at which it shakes, bounds no noise, but motion does; of biases drift says little
+    truth = SIMULATED_GRADES["mems"]
+    assert 0.3 < imu.angle_random_walk / truth.angle_random_walk < 1.3
     assert imu.gyro_scale <= better.gyro_scale and imu.accel_bias >= better.accel_bias
-    noise = start_of(log, gnss={"gnss_latency": 0.0}, navigation={"imu_grade": "mems"})
-    assert noise.settings.imu == IMU_GRADES["mems"] and not noise.grade.by_drift
 
 
 def test_a_configured_grade_that_the_drift_denies_is_not_believed_in_silence(tmp_path):
