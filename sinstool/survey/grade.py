@@ -184,7 +184,11 @@ def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     moving = (
         walks_in_motion(source) if measured is None and source.aiding.gnss is not None else None
     )
-    if moving is not None and moving[0] < walk:
+    if (
+        moving is not None
+        and moving[0] < walk
+        and grade_by_noise(moving[0]) != grade_by_noise(walk)
+    ):
         # What shakes the vehicle where it stands, an engine or people, is no noise of the Imu
         walk, where = moving[0], "in motion, less than at rest"
     shown = walk / DEGREE_PER_ROOT_HOUR
