@@ -264,6 +264,20 @@ def test_outliers_do_no_harm(fraction):
     assert rough.chi2 > 20.0 and any("inconsistent" in w for w in rough.warnings)
 
 
+@pytest.mark.parametrize(("fraction", "given"), [(0.1, True), (0.3, False)])
+def test_a_heading_that_many_fixes_deny_is_given_only_if_it_can_be_refined(
+    monkeypatch, fraction, given
+):
+    faults = GnssFaults(outlier_fraction=fraction, outlier_velocity=20.0)
+    _, imu, gnss = noisy(3, Receiver(errors=NOISY, faults=faults))
+    assert align_in_flight(imu, gnss, AlignmentSettings(refine=True)).status == "ok"
+    # As where the gyros' bias leaves the attitude at the end too uncertain
+    monkeypatch.setattr("sinstool.methods.alignment.inflight.REFINE_SIGMA", 0.0)
+    answer = align_in_flight(imu, gnss, AlignmentSettings(refine=True))
+    assert (answer.status in ("ok", "degraded")) == given
+    assert any("not refined" in text for text in answer.warnings)
+
+
 @pytest.mark.parametrize("straight_s", [10.5, 20.0, 40.0])
 def test_heading_is_not_made_up(straight_s):
     # Straight and level, and below on the pad: what is told is either right or not told.
