@@ -330,10 +330,10 @@ def first_motion(fixes: GnssFixes, first_ns: int, rest_ns: int) -> int | None:
     begin: int | None = None
     for least in (MOVING_M_S, *SLOW_M_S):
         moving = np.flatnonzero((speed > least) & (fixes.time_ns >= rest_ns))
-        if not len(moving):
-            continue
+        if not len(moving) or (begin is not None and np.median(speed) < least):
+            break  # what is usually slower stands, and its fixes are noisy
         enough = left_s[moving[0]] >= MIN_POSITION_SPAN_S
-        if enough or least == MOVING_M_S:
+        if enough or begin is None:
             begin = max(first_ns, int(fixes.time_ns[moving[0]]) - round(BEFORE_S * SECOND))
         if enough:
             break

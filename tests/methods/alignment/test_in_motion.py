@@ -79,7 +79,8 @@ def test_a_walker_begins_when_he_walks_and_not_when_he_runs_at_last():
     assert first_motion(walker(speed), 0, 0) == 35 * SECOND
     speed[150:155] = 2.5
     assert first_motion(walker(speed), 0, 0) == 145 * SECOND
-    assert first_motion(walker(np.full(300, 0.1)), 0, 0) is None
+    # who never is fast may be but noise
+    assert first_motion(walker(np.full(300, 1.3)), 0, 0) is None
 
 
 def circling(rate, bias, wander=0.0):
