@@ -59,7 +59,8 @@ class NavigationOptions(Group):
     imu_grade: Literal["auto", "mems", "industrial", "tactical", "navigation"] = option(
         "auto",
         "grade of the sensors, which sets their noise where no figure is given; auto: judged by"
-        " the noise of the gyro at rest, or in motion where the log has GNSS and that is less",
+        " the noise of the gyro at rest, or in motion where the log has GNSS and that noise is of a"
+        " better grade",
         brief="mems, industrial, tactical, navigation or auto",
     )
     imu_noise: str | None = option(
