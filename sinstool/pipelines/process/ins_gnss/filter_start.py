@@ -61,6 +61,9 @@ class FilterStart:
     drifts : float, optional
         How many times as far as options that say how good the Imu is explain the navigation drifts
         where fixes are left out; 1 where that shows no more.
+    turned : tuple of float, optional
+        How far the attitude is, in sigmas and in rad, from that with the latency that the log shows
+        where it contradicts the one given.
     """
 
     settings: Settings
@@ -82,6 +85,7 @@ class FilterStart:
     noisier_velocity: tuple[float, float] = (1.0, 1.0)
     slow_errors: tuple[float, float] = (1.0, 1.0)
     drifts: float = 1.0
+    turned: tuple[float, float] = (0.0, 0.0)
 
     @cached_property
     def used(self) -> GnssEpochs:

@@ -483,6 +483,7 @@ class FilterRun(Mode):
         vehicle, used = vehicle_of(self._stretches)
         findings += vehicle.findings(used)
         findings += [*self._diagnosis(), *trust.drifts_too_far(p.drifts)]
+        findings += trust.turned_by_latency(p)
         if self._gnss:
             first_ns = self.source.survey.first_ns
             findings += trust.untrusted(

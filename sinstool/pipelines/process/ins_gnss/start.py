@@ -48,7 +48,12 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
     with_white_velocity,
 )
 from sinstool.pipelines.process.ins_gnss.slow_errors import with_slow_errors
-from sinstool.pipelines.process.ins_gnss.timing import significant_lag, white_noise, with_offsets
+from sinstool.pipelines.process.ins_gnss.timing import (
+    attitudes_apart,
+    significant_lag,
+    white_noise,
+    with_offsets,
+)
 from sinstool.survey.grade import (
     ImuGrade,
     sensor_grade,
@@ -175,6 +180,7 @@ def timed_start(
     if imu_stated(config):
         drift = Drift(source, config, algorithm, _by_the_fixes(start))
         start = replace(start, drifts=drift.ratio)
+    start = replace(start, turned=_turned(source, config, algorithm, start))
     source.samples.made.clear()
     if start.latency_status == "not settled":
         warning = (
@@ -209,6 +215,27 @@ def timed_start(
     log_choice("start", start.how)
     log_choice("GNSS latency", _latency_why(start))
     return start
+
+
+def _turned(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> tuple[float, float]:
+    """How far a latency that was given, and that the log contradicts, turns the attitude.
+
+    In sigmas and in rad. A start from fixes at a wrong time may be anywhere, whatever its sigmas.
+    """
+    shown = start.offsets
+    if shown is None or start.latency_status != "given":
+        return 0.0, 0.0
+    if not shown.latency_contradicts(start.settings.gnss_latency):
+        return 0.0, 0.0
+    gnss = config.gnss.model_copy(update={"gnss_latency": shown.latency_s})
+    timed = config.model_copy(update={"gnss": gnss})
+    try:
+        other = first_start(source, timed, start.grade, start.lag)
+    except AlignmentError:
+        return 0.0, 0.0
+    return attitudes_apart(source, config, algorithm, (start, other))
 
 
 def _timed(

@@ -9,7 +9,7 @@ the mean of both, so that positions are valid at ``stamp - latency + lag/2`` and
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -18,6 +18,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import conjugate, log, multiply
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -47,6 +48,8 @@ MISFIT = 4.0
 BACK, FURTHER, JUMPED = -0.5, 1.0, 5.0
 LATENCIES = np.arange(-0.1, 0.26, 0.02)
 NEARER = 0.005 * np.arange(-3, 4)
+# Of the time that attitudes of two filters are compared, they are no further apart, %.
+MOST_OF_IT = 90.0
 LEAST_LAG_S = 0.02
 LAG_SIGMAS = 6.0
 # Assumed while positions at wrong times must not spoil the biases.
@@ -103,14 +106,14 @@ def with_offsets(
         return shown
 
     used, offsets, agrees = settle(evaluate, assumed)
-    if config.gnss.gnss_latency is not None:
-        return replace(first, offsets=offsets, latency_status="given")
     if _doubtful(tried, assumed_b):
         least = tried[-1][1].misfit
         tried.clear()
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
         if tried and tried[-1][1].misfit < least:
             used, offsets, agrees = other
+    if config.gnss.gnss_latency is not None:
+        return replace(first, offsets=offsets, latency_status="given")
     if offsets is None or not offsets.observable:
         return replace(first, offsets=offsets)
     status = "found" if agrees else "not settled"
@@ -170,6 +173,37 @@ def motion_from(
     What a filter does in a gap is not what correlations are made of.
     """
     return first_increments(source, config, algorithm, start_ns, FIRST_NS, GAP_NS)
+
+
+def attitudes_apart(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, starts: Sequence[FilterStart]
+) -> tuple[float, float]:
+    """How far apart the attitudes of filters from two starts are, in sigmas and in rad.
+
+    By the axis, of NED, on which they differ most, over the first part of the log; for most of it
+    they are nearer.
+    """
+    runs = []
+    for start in starts:
+        motion = motion_from(source, config, algorithm, start.time_ns)
+        if motion is None:
+            return 0.0, 0.0
+        run = InsGnssFilter(start.start, start.settings, with_baro=False)
+        updates = run.push(motion, start.used).updates
+        assert updates is not None
+        runs.append(updates)
+    one, other = runs
+    row = np.searchsorted(other.time_ns, one.time_ns)
+    both = (row > 0) & (row < len(other))
+    if not both.any():
+        return 0.0, 0.0
+    row = row[both]
+    turn = np.abs(log(multiply(one.q_nb[both], conjugate(other.q_nb[row]))))
+    covariance = one.covariance_attitude_n[both] + other.covariance_attitude_n[row]
+    sigmas = turn / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    most = np.percentile(sigmas, MOST_OF_IT, axis=0)
+    axis = int(np.argmax(most))
+    return float(most[axis]), float(np.percentile(turn[:, axis], MOST_OF_IT))
 
 
 @dataclass(frozen=True)

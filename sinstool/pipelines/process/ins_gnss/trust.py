@@ -9,7 +9,9 @@ import numpy as np
 
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 
 # What a latency may be off by, over the fixes' own noise, that is worth a warning.
 WORSE_THAN_FIXES = 5.0
@@ -20,6 +22,8 @@ MOST_REJECTED = 0.2
 LEAST_FIXES = 20
 # Drift without fixes over its sigma: beyond this, options make the Imu better than it is.
 MOST_DRIFT = 2.0
+# An attitude is elsewhere with another latency by more than so many sigmas, and this, rad.
+MOST_TURNED, LEAST_TURNED = 4.0, 2.0 * DEGREE
 # Innovations squared over what was expected: beyond these the sigmas say nothing.
 LEAST_NIS, MOST_NIS = 0.05, 5.0
 
@@ -125,6 +129,25 @@ def drifts_too_far(ratio: float) -> list[Finding]:
             Severity.LOST,
             "leave --imu-grade, --imu-noise, --arw and --vrw out, or correct them",
             numbers={"drift_over_sigma": ratio},
+        )
+    ]
+
+
+def turned_by_latency(start: FilterStart) -> list[Finding]:
+    """An attitude that fixes at a wrong time, by an option, have led elsewhere."""
+    sigmas, angle = start.turned
+    if start.offsets is None or sigmas <= MOST_TURNED or angle <= LEAST_TURNED:
+        return []
+    given_ms, shown_ms = 1e3 * start.settings.gnss_latency, 1e3 * start.offsets.latency_s
+    return [
+        Finding(
+            "stated-latency",
+            f"the latency that the log shows, {shown_ms:.0f} ms, gives an attitude that is"
+            f" {angle / DEGREE:.0f} deg ({sigmas:.0f} sigmas) from that by the {given_ms:.0f} ms"
+            " given: attitude and its sigmas are not to be trusted",
+            Severity.LOST,
+            "leave --gnss-latency out, or correct it",
+            numbers={"attitude_deg": angle / DEGREE, "attitude_over_sigma": sigmas},
         )
     ]
 

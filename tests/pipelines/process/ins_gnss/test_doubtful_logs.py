@@ -31,7 +31,7 @@ CHEAP = sensor_errors(0.3, 30.0, 0.1, 1000.0, 3000.0, 1.0)
 def navigated(log, truth, out, **groups):
     """Result, and errors of the solution: seconds, horizontal (m), heading (deg), over sigma."""
     groups.setdefault("input", {})["gyro_kind"] = "mean-rate"
-    groups["gnss"] = {"lever_arm": tuple(LEVER.tolist())}
+    groups["gnss"] = {"lever_arm": tuple(LEVER.tolist()), **groups.get("gnss", {})}
     groups["output"] = {"only_results": True}
     capture = Capture()
     result = process(log, out, build(ProcessConfig, groups), None, capture)

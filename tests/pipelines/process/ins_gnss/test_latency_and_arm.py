@@ -28,6 +28,7 @@ from tests.helpers.unseen_drives import (
     flight,
     record,
     sensor_errors,
+    walk,
     with_outliers,
     write,
 )
@@ -152,6 +153,19 @@ def test_a_wrong_latency_is_named(tmp_path, road, wrong):
     assert result["filter"]["gnss_latency_s"] == wrong
     ratio, error = over_sigma(road, solution)
     assert error > 0.3 and 0.5 < ratio < 1.5
+
+
+@pytest.mark.slow
+def test_a_wrong_latency_that_turns_the_attitude_is_told(tmp_path):
+    """A walker's velocities of another time fit some heading or other: 166 deg off, status 0."""
+    truth = walk(1, 300.0)
+    noise = {"sigma": 0.87, "sigma_v": 0.21}
+    data = record(truth, GRADES["tactical"], 1, gnss_rate=5.0, latency=0.2, **noise)
+    log = write(tmp_path / "log.mcap", data)
+    result, _ = run(log, input=dict(KIND), gnss=given(0.0))
+    told = next(f for f in result["findings"] if f["kind"] == "stated-latency")
+    assert told["severity"] == "lost" and told["numbers"]["attitude_deg"] > 90.0
+    assert named(result)["latency"]["numbers"]["latency_s"] == pytest.approx(0.2, abs=0.01)
 
 
 def test_what_the_filter_assumes_does_not_matter(tmp_path, calm):
