@@ -5,6 +5,7 @@ Their clocks are compared by the times at which both were recorded, and by their
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from sinstool.config import InputOptions
@@ -14,7 +15,7 @@ from sinstool.core.order_statistics import quantile
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.survey.aiding import AidingData
-from sinstool.survey.course import RECEIVER_CLOCK, course_findings
+from sinstool.survey.course import course_findings, two_clocks
 from sinstool.survey.gnss import CONTRADICTS
 from sinstool.survey.imu import Survey
 
@@ -41,7 +42,7 @@ def against_gnss(
     DataError
         GNSS shows that the Imu's data are in another unit.
     """
-    findings = clocks_apart(survey, aiding.gnss, aiding.fix_topic)
+    findings = clocks_apart(survey, aiding.gnss, aiding.fix_topic, options)
     if any(f.kind == CONTRADICTS for f in aiding.findings):
         return findings  # by a velocity that the fixes deny nothing is judged
     for finding in course_findings(survey.windows, aiding.gnss, options, survey.topic):
@@ -52,7 +53,9 @@ def against_gnss(
     return findings
 
 
-def clocks_apart(survey: Survey, gnss: GnssEpochs | None, topic: str) -> list[Finding]:
+def clocks_apart(
+    survey: Survey, gnss: GnssEpochs | None, topic: str, options: InputOptions
+) -> list[Finding]:
     """Find stamps of a receiver that are not on the Imu's clock.
 
     Both topics are recorded by one recorder, so that the times of its log, less the stamps, are
@@ -64,6 +67,8 @@ def clocks_apart(survey: Survey, gnss: GnssEpochs | None, topic: str) -> list[Fi
         By time.
     topic : str
         Of the fixes.
+    options : InputOptions
+        Their clock offset is taken off the stamps already.
     """
     if gnss is None or len(gnss) < LEAST or survey.time_source != "stamp":
         return []
@@ -75,13 +80,9 @@ def clocks_apart(survey: Survey, gnss: GnssEpochs | None, topic: str) -> list[Fi
     shown = f"{abs(ahead):.1f} s {'ahead of' if ahead > 0.0 else 'behind'}"
     # No message is recorded before it is sent, but a slow link may deliver it late
     unless = "" if ahead > 0.0 else ", unless they were recorded so late"
-    return [
-        Finding(
-            RECEIVER_CLOCK,
-            f"the stamps of {topic} are {shown} those of the Imu, by the times at which messages"
-            " were recorded: two clocks",
-            answer=f"add --gnss-clock-offset {ahead:.1f}{unless}",
-            topic=topic,
-            numbers={"ahead_s": ahead},
-        )
-    ]
+    text = (
+        f"the stamps of {topic} are {shown} those of the Imu, by the times at which messages were"
+        " recorded: two clocks"
+    )
+    finding = two_clocks(text, ahead, options, topic)
+    return [replace(finding, answer=finding.answer + unless)]

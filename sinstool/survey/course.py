@@ -22,6 +22,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.still import WINDOW_NS, Windows
 
 RECEIVER_CLOCK = "receiver-clock"
+LEAST_OFFSET_S = 0.05
 # Courses are compared over intervals of about this length, s, of those of at most that.
 STEP_S, LONGEST_S = 2.0, 5.0
 # From this speed on, m/s, and so many sigmas of it, there is a course.
@@ -184,6 +185,15 @@ def _apart(time_ns: IntArray, good: np.ndarray) -> IntArray:
     return np.asarray(rows[first])
 
 
+def two_clocks(text: str, ahead: float, options: InputOptions, topic: str) -> Finding:
+    """A receiver whose clock is ahead of the Imu's by some seconds, and the option for it."""
+    offset = options.gnss_clock_offset + ahead  # the stamps had the one given taken off
+    answer = f"give --gnss-clock-offset {offset:.1f}"
+    if abs(offset) < LEAST_OFFSET_S:
+        answer = "leave --gnss-clock-offset out"
+    return Finding(RECEIVER_CLOCK, text, answer=answer, topic=topic, numbers={"ahead_s": ahead})
+
+
 def course_findings(
     windows: Windows, gnss: GnssEpochs | None, options: InputOptions, topic: str
 ) -> Iterator[Finding]:
@@ -202,14 +212,11 @@ def course_findings(
         ahead = receiver_ahead(windows, gnss)
         if ahead is not None:
             shown = f"{abs(ahead):.1f} s {'ahead of' if ahead > 0.0 else 'behind'}"
-            yield Finding(
-                RECEIVER_CLOCK,
-                f"the course over ground turns as the gyro does only if the stamps of the fixes are"
-                f" {shown} those of the Imu: two clocks",
-                answer=f"add --gnss-clock-offset {ahead:.1f}",
-                topic=topic,
-                numbers={"ahead_s": ahead},
+            text = (
+                "the course over ground turns as the gyro does only if the stamps of the fixes are"
+                f" {shown} those of the Imu: two clocks"
             )
+            yield two_clocks(text, ahead, options, topic)
         return
     numbers = {"ratio": ratio, "explained": evidence.explained}
     turned = f"the course over ground turned by {evidence.turned_rad / DEGREE:.0f} deg in all, "

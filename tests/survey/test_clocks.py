@@ -35,7 +35,7 @@ def epochs(ahead_s, delay=0.1, n=N):
 @pytest.mark.parametrize("ahead", [18.0, -18.0, 3600.0, 1.7e9])
 @pytest.mark.parametrize("imu", [0.0, -5.0])
 def test_two_clocks_are_named_with_the_option(ahead, imu):
-    (finding,) = clocks_apart(survey(imu, imu + 0.2), epochs(ahead - imu), "/fix")
+    (finding,) = clocks_apart(survey(imu, imu + 0.2), epochs(ahead - imu), "/fix", InputOptions())
     assert finding.kind == "receiver-clock" and finding.topic == "/fix"
     assert finding.numbers["ahead_s"] == pytest.approx(ahead, abs=0.2)
     assert ("ahead of" if ahead > 0 else "behind") in finding.text
@@ -44,20 +44,29 @@ def test_two_clocks_are_named_with_the_option(ahead, imu):
     assert shown == pytest.approx(ahead, abs=0.2)
 
 
+def test_the_option_named_is_the_one_to_give_whatever_was_given():
+    given = InputOptions(gnss_clock_offset=-2.0)
+    (finding,) = clocks_apart(survey(0.0, 0.2), epochs(20.0), "/fix", given)
+    shown = float(finding.answer.split("--gnss-clock-offset ")[1])
+    assert shown == pytest.approx(18.0, abs=0.2)
+    (finding,) = clocks_apart(survey(0.1, 0.2), epochs(2.0), "/fix", given)
+    assert finding.answer == "leave --gnss-clock-offset out"
+
+
 def test_one_clock_says_nothing():
-    assert not clocks_apart(survey(), epochs(0.0), "/fix")
-    assert not clocks_apart(survey(), epochs(0.3, delay=0.05), "/fix")
+    assert not clocks_apart(survey(), epochs(0.0), "/fix", InputOptions())
+    assert not clocks_apart(survey(), epochs(0.3, delay=0.05), "/fix", InputOptions())
     # a receiver that delivers late, now and then by much
     late = np.random.default_rng(1).exponential(3.0, N)
-    assert not clocks_apart(survey(), epochs(0.0, delay=late), "/fix")
+    assert not clocks_apart(survey(), epochs(0.0, delay=late), "/fix", InputOptions())
     # an Imu whose recorder hangs, or whose clock is set in the log
-    assert not clocks_apart(survey(0.0, 40.0), epochs(0.0, delay=20.0), "/fix")
+    assert not clocks_apart(survey(0.0, 40.0), epochs(0.0, delay=20.0), "/fix", InputOptions())
 
 
 def test_nothing_to_judge_by():
-    assert not clocks_apart(survey(time_source="log"), epochs(18.0), "/fix")
-    assert not clocks_apart(survey(), epochs(18.0, n=2), "/fix")
-    assert not clocks_apart(survey(), None, "")
+    assert not clocks_apart(survey(time_source="log"), epochs(18.0), "/fix", InputOptions())
+    assert not clocks_apart(survey(), epochs(18.0, n=2), "/fix", InputOptions())
+    assert not clocks_apart(survey(), None, "", InputOptions())
 
 
 def stamped_ahead(ahead_s):

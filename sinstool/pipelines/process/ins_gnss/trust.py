@@ -12,6 +12,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.survey.course import RECEIVER_CLOCK
 
 # What a latency may be off by, over the fixes' own noise, that is worth a warning.
 WORSE_THAN_FIXES = 5.0
@@ -148,6 +149,34 @@ def turned_by_latency(start: FilterStart) -> list[Finding]:
             Severity.LOST,
             "leave --gnss-latency out, or correct it",
             numbers={"attitude_deg": angle / DEGREE, "attitude_over_sigma": sigmas},
+        )
+    ]
+
+
+def of_another_clock(survey: Sequence[Finding], start: FilterStart) -> list[Finding]:
+    """Fixes that another clock than the Imu's has stamped, where the motion does not say otherwise.
+
+    Parameters
+    ----------
+    survey : sequence of Finding
+        About the log.
+    """
+    clock = next((f for f in survey if f.kind == RECEIVER_CLOCK), None)
+    shown = start.offsets
+    if clock is None or (
+        shown is not None
+        and start.latency_status in ("found", "given")
+        and shown.observable
+        and not shown.latency_contradicts(start.settings.gnss_latency)
+    ):
+        return []
+    return [
+        Finding(
+            "fixes-at-wrong-times",
+            f"the fixes are used about {abs(clock.numbers['ahead_s']):.1f} s from when they were"
+            " valid, if their clock is another than the Imu's: do not trust the solution",
+            Severity.LOST,
+            clock.answer,
         )
     ]
 
