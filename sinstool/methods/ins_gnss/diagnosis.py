@@ -36,7 +36,7 @@ import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.arrays import BoolArray, FloatArray
-from sinstool.core.finding import Finding
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, to_dcm
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.fix_velocity import velocity_lag
@@ -145,7 +145,9 @@ def _first_minute(
             Finding(
                 "axes",
                 "gyro and accelerometer axes do not belong together: velocity changes fit"
-                f" {ratio:.0f} times better with the gyro's x, y, z taken as {_axes_text(axes)}",
+                f" {ratio:.0f} times better with the gyro's x, y, z taken as {_axes_text(axes)}: do"
+                " not trust the solution",
+                Severity.LOST,
                 answer="check the body axes and the driver's signs",
                 numbers={"residual_ratio": ratio},
             )
@@ -244,7 +246,9 @@ def _attitude_findings(fit: _Fit, start: Start, many: int, moving: bool) -> list
         return [
             Finding(
                 "initial-attitude",
-                f"gravity is {np.rad2deg(tilt):.0f} deg from where the initial attitude has it",
+                f"gravity is {np.rad2deg(tilt):.0f} deg from where the initial attitude has it: do not"
+                " trust the solution",
+                Severity.LOST,
                 answer="the body axes, the mount or the initial attitude are wrong",
                 numbers={"tilt_deg": float(np.rad2deg(tilt))},
             )
@@ -255,7 +259,9 @@ def _attitude_findings(fit: _Fit, start: Start, many: int, moving: bool) -> list
                 "initial heading",
                 "velocity changes of the first two minutes say that the initial heading is"
                 f" {np.rad2deg(heading):.0f} deg off, sigma"
-                f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg",
+                f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg: do not trust the"
+                " attitude",
+                Severity.LOST,
                 answer="leave --align out, so that heading is estimated in motion",
                 numbers={"heading_deg": float(np.rad2deg(heading))},
             )

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sinstool.core.finding import exit_status
 from sinstool.core.rotation import exp, multiply, normalise
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
@@ -246,6 +247,7 @@ def test_a_wrong_mount(kind, axes):
 def test_a_wrong_initial_heading(kind, off):
     result = examined(kind, wrong_start=(0.0, 0.0, off))
     assert causes(result) == ["initial heading"], summary(result)
+    assert exit_status(result) == 3
     assert result[0].numbers["heading_deg"] == pytest.approx(abs(off), abs=6.0)
 
 

@@ -60,6 +60,19 @@ def untrusted(
         rest = stretches[MOST_NAMED:]
         text = f"{len(rest)} more such stretches follow, the last"
         findings.append(_stretch(*rest[-1], first_ns, text))
+    far = next((event for event in events if event.kind == "far-from-gnss"), None)
+    if far is not None:
+        findings.append(
+            Finding(
+                "too-far-uncorrected",
+                f"from {(far.time_ns - first_ns) / SECOND:.1f} s on the uncorrected navigation is"
+                " too far off for a linear filter (more than 1 km, or 1 deg): the solution is not"
+                " to be trusted from there",
+                Severity.LOST,
+                "leave --feedback none out",
+                start_ns=far.time_ns,
+            )
+        )
     compared = ~gnss.withheld & (gnss.rows > 0)
     number = int(np.count_nonzero(compared))
     rejected = int(np.count_nonzero(gnss.gated[compared]))

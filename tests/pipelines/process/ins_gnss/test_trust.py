@@ -86,6 +86,12 @@ def test_smoothed_sigmas_admit_a_doubted_stretch():
     assert np.allclose(updates.covariance_position_n, eye)
 
 
+def test_an_uncorrected_navigation_beyond_a_linear_filter_is_not_to_be_trusted():
+    (finding,) = untrusted(epochs(), [FilterEvent("far-from-gnss", 70 * SECOND, 12.0)], 1.0, 0)
+    assert exit_status([finding]) == 3 and finding.start_ns == 70 * SECOND
+    assert "from 70.0 s" in finding.text and "--feedback" in finding.answer
+
+
 @pytest.mark.parametrize(("many", "status"), [(30, 0), (50, 3)])
 def test_too_many_rejected(many, status):
     assert exit_status(untrusted(epochs(gated=range(0, 4 * many, 4)), [], 1.0, 0)) == status
