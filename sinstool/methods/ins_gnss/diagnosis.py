@@ -246,8 +246,8 @@ def _attitude_findings(fit: _Fit, start: Start, many: int, moving: bool) -> list
         return [
             Finding(
                 "initial-attitude",
-                f"gravity is {np.rad2deg(tilt):.0f} deg from where the initial attitude has it: do not"
-                " trust the solution",
+                f"gravity is {np.rad2deg(tilt):.0f} deg from where the initial attitude has it: do"
+                " not trust the solution",
                 Severity.LOST,
                 answer="the body axes, the mount or the initial attitude are wrong",
                 numbers={"tilt_deg": float(np.rad2deg(tilt))},
@@ -259,8 +259,8 @@ def _attitude_findings(fit: _Fit, start: Start, many: int, moving: bool) -> list
                 "initial heading",
                 "velocity changes of the first two minutes say that the initial heading is"
                 f" {np.rad2deg(heading):.0f} deg off, sigma"
-                f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg: do not trust the"
-                " attitude",
+                f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg: do not trust"
+                " the attitude",
                 Severity.LOST,
                 answer="leave --align out, so that heading is estimated in motion",
                 numbers={"heading_deg": float(np.rad2deg(heading))},

@@ -32,6 +32,9 @@ OUTLYING, MOST_TURN, OUTLIER_ROUNDS = 15.0, 20.0, 5
 LEAST_FIXES = 40
 # A receiver that says so many times its usual sigma is off by errors that last.
 WORSE = 3.0
+# A lag of so many sigmas leaves squares smaller by this than none does, in units of the noise,
+# unless motion that repeats itself has led astray: a lag of an interval then does by up to 35.
+LAG_SIGMAS, LEAST_CONTRAST = 5.0, 50.0
 # Fixes at a time: a row of each takes half a kilobyte
 BLOCK = 2**14
 
@@ -217,7 +220,8 @@ def velocity_lag(gnss: GnssEpochs) -> Latency:
     Returns
     -------
     Latency
-        Positive where velocities are late.
+        Positive where velocities are late. Not observable where no lag explains the fixes all but
+        as well: steps of a walk between fixes, or swings, look alike an interval later.
     """
     fixes = gnss.rows(gnss.has_position & gnss.has_velocity)
     if len(fixes) < 20:
@@ -235,6 +239,8 @@ def velocity_lag(gnss: GnssEpochs) -> Latency:
     position = np.column_stack([north, east, np.full(len(fixes), np.nan)])
     times = fixes.time_ns[0] + np.round(fine * 1e9).astype(np.int64)
     late = correlate(times, travelled, fixes.time_ns, position, -span, span)
+    if late.differs_from(0.0, 0.0, LAG_SIGMAS) and late.contrast < LEAST_CONTRAST:
+        return NOT_OBSERVABLE
     return replace(late, latency_s=-late.latency_s)
 
 

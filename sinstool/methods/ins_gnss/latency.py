@@ -55,11 +55,14 @@ class Latency:
         Standard deviation; infinite where it is not observable.
     status : {'found', 'at the limit', 'not observable'}
         ``at the limit`` where the best one lies at an end of the range searched.
+    contrast : float, optional
+        Squares that no latency at all leaves over those of this one, in units of the noise.
     """
 
     latency_s: float
     sigma_s: float
     status: LatencyStatus
+    contrast: float = np.inf
 
     def differs_from(self, assumed_s: float, least_s: float, sigmas: float) -> bool:
         """Whether it is further from an assumed latency than `least_s`, and than its own noise.
@@ -184,7 +187,8 @@ def correlate(
     contrast = (float(total.max()) - least) / noise
     if not sigma <= MAX_SIGMA_S or contrast < _CONTRAST:
         return NOT_OBSERVABLE
-    return Latency(tau, sigma, "at the limit" if best in (0, count - 1) else "found")
+    none = (windows.cost(0.0) - least) / noise
+    return Latency(tau, sigma, "at the limit" if best in (0, count - 1) else "found", none)
 
 
 class _Windows:

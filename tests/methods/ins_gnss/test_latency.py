@@ -24,6 +24,8 @@ from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
 from sinstool.simulation.sensors import with_errors
 from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
+from tests.helpers.unseen_drives import GRADES, record, walk
+from tests.helpers.unseen_vehicles import tractor, train
 
 RATE = 50.0
 GRADE = SIMULATED_GRADES["mems"]
@@ -271,3 +273,24 @@ def test_more_than_ten_degrees_of_freedom_are_needed(fixes, downs, status):
     found = correlate((t * 1e9).astype(np.int64), smooth_motion(t)[0],
                       (fix * 1e9).astype(np.int64), measured)  # fmt: skip
     assert found.status == status
+
+
+@pytest.mark.parametrize(
+    ("moving", "seed", "rate", "noise"),
+    [
+        (walk, 3, 1.0, (0.064, 0.081)),
+        (tractor, 5, 2.0, (0.06, 0.085)),
+        (train, 1, 5.0, (0.12, 0.26)),
+    ],
+)
+def test_steps_and_swings_between_fixes_show_no_lag_of_an_interval(moving, seed, rate, noise):
+    """One interval later they look alike: lags of -1 to 0.5 s at 15 to 24 sigmas."""
+    data = record(
+        moving(seed, 400.0), GRADES["tactical"], seed, gnss_rate=rate, sigma=noise[0],
+        sigma_v=noise[1],
+    )  # fmt: skip
+    f = data.fixes
+    stamps = np.rint(f.seconds * 1e9).astype(np.int64)
+    none = np.full((len(stamps), 3), np.nan)
+    fixes = GnssEpochs(stamps, stamps, f.latitude, f.longitude, f.height, f.velocity_n, none, none)
+    assert not velocity_lag(fixes).differs_from(0.0, 0.02, 3.0)
