@@ -35,6 +35,9 @@ WORSE = 3.0
 # A lag of so many sigmas leaves squares smaller by this than none does, in units of the noise,
 # unless motion that repeats itself has led astray: a lag of an interval then does by up to 35.
 LAG_SIGMAS, LEAST_CONTRAST = 5.0, 50.0
+# The noise of velocities shows between such times, s, in so many of the long one.
+BOUND_S, LEAST_LONG = (2.0, 20.0), 4.0
+MEDIAN_SQUARE = 0.4549  # of a unit normal
 # Fixes at a time: a row of each takes half a kilobyte
 BLOCK = 2**14
 
@@ -242,6 +245,46 @@ def velocity_lag(gnss: GnssEpochs) -> Latency:
     if late.differs_from(0.0, 0.0, LAG_SIGMAS) and late.contrast < LEAST_CONTRAST:
         return NOT_OBSERVABLE
     return replace(late, latency_s=-late.latency_s)
+
+
+def velocity_noise_bound(gnss: GnssEpochs) -> float:
+    """Most white noise that velocities may have beside the positions of the same receiver.
+
+    Positions less the way by the velocities wander as the velocities' noise adds up, the more the
+    longer: a variance of white noise times interval and time, and beside it that of the positions,
+    of which what is white is the same after a short time and a long one.
+
+    Returns
+    -------
+    float
+        Of one horizontal axis, m/s; what positions wander by themselves makes it larger. NaN where
+        fewer than `LEAST_LONG` of the long times are in the fixes.
+    """
+    fixes = gnss.rows(gnss.has_position & gnss.has_velocity)
+    if len(fixes) < LEAST:
+        return np.nan
+    t = (fixes.time_ns - fixes.time_ns[0]) / SECOND
+    interval = float(np.median(np.diff(t)))
+    longitude = np.unwrap(fixes.longitude)
+    north, east = horizontal_metres(
+        fixes.latitude - fixes.latitude[0], longitude - longitude[0], fixes.latitude[0]
+    )
+    off = np.stack([north, east], axis=1) - integral(t, fixes.velocity_n[:, :2], t)
+    # An outage in between says nothing of the velocities
+    piece = np.concatenate([[0], np.cumsum(np.diff(t) > 1.5 * interval)])
+    spread, steps = [], []
+    for seconds in BOUND_S:
+        many = max(1, round(seconds / interval))
+        whole = piece[many:] == piece[:-many]
+        if np.count_nonzero(whole) * interval < LEAST_LONG * seconds:
+            return np.nan
+        square = np.square(off[many:] - off[:-many])[whole]
+        spread.append(float(np.median(square)) / MEDIAN_SQUARE)
+        steps.append(many)
+    # By chance a variance of so many independent times may be this much too small
+    chance = 1.0 + 2.0 * np.sqrt(2.0 * BOUND_S[1] / (len(off) * interval))
+    grown = max(chance * spread[1] - spread[0], 0.0) / (steps[1] - steps[0])
+    return float(np.sqrt(grown) / interval)
 
 
 def split_position_velocity(gnss: GnssEpochs, velocity_lag_s: float) -> GnssEpochs:

@@ -13,7 +13,11 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity, velocity_lag
+from sinstool.methods.ins_gnss.fix_velocity import (
+    split_position_velocity,
+    velocity_lag,
+    velocity_noise_bound,
+)
 from sinstool.methods.ins_gnss.latency import correlate, inertial_velocity
 from sinstool.methods.ins_gnss.settings import DivergenceControl, GnssModel, Settings
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
@@ -24,7 +28,7 @@ from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
 from sinstool.simulation.sensors import with_errors
 from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
-from tests.helpers.unseen_drives import GRADES, record, walk
+from tests.helpers.unseen_drives import GRADES, cruise, record, walk
 from tests.helpers.unseen_vehicles import tractor, train
 
 RATE = 50.0
@@ -275,6 +279,15 @@ def test_more_than_ten_degrees_of_freedom_are_needed(fixes, downs, status):
     assert found.status == status
 
 
+def received(truth, seed, rate, sigma, sigma_v):
+    """Fixes with such noise of positions, m, and velocities, m/s."""
+    noise = {"sigma": sigma, "sigma_v": sigma_v}
+    f = record(truth, GRADES["tactical"], seed, gnss_rate=rate, **noise).fixes
+    stamps = np.rint(f.seconds * 1e9).astype(np.int64)
+    none = np.full((len(stamps), 3), np.nan)
+    return GnssEpochs(stamps, stamps, f.latitude, f.longitude, f.height, f.velocity_n, none, none)
+
+
 @pytest.mark.parametrize(
     ("moving", "seed", "rate", "noise"),
     [
@@ -285,12 +298,16 @@ def test_more_than_ten_degrees_of_freedom_are_needed(fixes, downs, status):
 )
 def test_steps_and_swings_between_fixes_show_no_lag_of_an_interval(moving, seed, rate, noise):
     """One interval later they look alike: lags of -1 to 0.5 s at 15 to 24 sigmas."""
-    data = record(
-        moving(seed, 400.0), GRADES["tactical"], seed, gnss_rate=rate, sigma=noise[0],
-        sigma_v=noise[1],
-    )  # fmt: skip
-    f = data.fixes
-    stamps = np.rint(f.seconds * 1e9).astype(np.int64)
-    none = np.full((len(stamps), 3), np.nan)
-    fixes = GnssEpochs(stamps, stamps, f.latitude, f.longitude, f.height, f.velocity_n, none, none)
+    fixes = received(moving(seed, 400.0), seed, rate, *noise)
     assert not velocity_lag(fixes).differs_from(0.0, 0.02, 3.0)
+
+
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+@pytest.mark.parametrize("sigma_v", [0.05, 0.3])
+def test_positions_bound_the_noise_of_velocities(rate, sigma_v):
+    for seed in (1, 2):
+        bound = velocity_noise_bound(received(cruise(400.0), seed, rate, 0.02, sigma_v))
+        assert sigma_v < bound < 2.5 * sigma_v
+        # What positions say no better than the velocities may be is no bound to them
+        assert velocity_noise_bound(received(cruise(400.0), seed, rate, 5.0, sigma_v)) > sigma_v
+    assert np.isnan(velocity_noise_bound(received(cruise(60.0), 1, rate, 0.1, sigma_v)))

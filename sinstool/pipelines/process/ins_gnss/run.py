@@ -482,8 +482,7 @@ class FilterRun(Mode):
             )
         vehicle, used = vehicle_of(self._stretches)
         findings += vehicle.findings(used)
-        findings += [*self._diagnosis(), *trust.drifts_too_far(p.drifts)]
-        findings += trust.turned_by_latency(p) + trust.of_another_clock(self.source.findings, p)
+        findings += [*self._diagnosis(), *trust.doubted_start(p, self.source.findings)]
         if self._gnss:
             first_ns = self.source.survey.first_ns
             findings += trust.untrusted(

@@ -17,6 +17,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.fix_velocity import (
     message_times,
     split_position_velocity,
+    velocity_noise_bound,
 )
 from sinstool.methods.ins_gnss.settings import (
     Settings,
@@ -180,7 +181,11 @@ def timed_start(
     if imu_stated(config):
         drift = Drift(source, config, algorithm, _by_the_fixes(start))
         start = replace(start, drifts=drift.ratio)
-    start = replace(start, turned=_turned(source, config, algorithm, start))
+    start = replace(
+        start,
+        turned=_turned(source, config, algorithm, start),
+        unexplained=_unexplained(source, config, algorithm, start),
+    )
     source.samples.made.clear()
     if start.latency_status == "not settled":
         warning = (
@@ -236,6 +241,22 @@ def _turned(
     except AlignmentError:
         return 0.0, 0.0
     return attitudes_apart(source, config, algorithm, (start, other))
+
+
+def _unexplained(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> float:
+    """Noise of velocities beside the Imu over the most that the receiver's own positions allow.
+
+    Where that is much, and neither a latency nor a lever arm explains it, the attitude does not fit
+    or the fixes are of another time.
+    """
+    gnss = source.aiding.gnss
+    most = np.nan if gnss is None else velocity_noise_bound(gnss)
+    if not start.velocity_noise[0] > most:
+        return 0.0
+    shown = white_noise(source, config, algorithm, _by_the_fixes(start))
+    return 0.0 if shown is None else float(np.nan_to_num(shown.velocity[0] / most))
 
 
 def _timed(

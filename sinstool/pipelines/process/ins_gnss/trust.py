@@ -25,6 +25,8 @@ LEAST_FIXES = 20
 MOST_DRIFT = 2.0
 # An attitude is elsewhere with another latency by more than so many sigmas, and this, rad.
 MOST_TURNED, LEAST_TURNED = 4.0, 2.0 * DEGREE
+# Velocities are so many times as noisy beside the Imu as beside the receiver's own positions.
+MOST_UNEXPLAINED = 1.3
 # Innovations squared over what was expected: beyond these the sigmas say nothing.
 LEAST_NIS, MOST_NIS = 0.05, 5.0
 
@@ -125,6 +127,22 @@ def late_or_early(largest_m: float, sigma_s: float, fix_sigma_m: float) -> list[
     ]
 
 
+def doubted_start(start: FilterStart, survey: Sequence[Finding]) -> list[Finding]:
+    """What a log says against the start of a filter, its settings and its fixes.
+
+    Parameters
+    ----------
+    survey : sequence of Finding
+        About the log.
+    """
+    return [
+        *drifts_too_far(start.drifts),
+        *turned_by_latency(start),
+        *unexplained_velocities(start),
+        *of_another_clock(survey, start),
+    ]
+
+
 def drifts_too_far(ratio: float) -> list[Finding]:
     """A drift without fixes that is far beyond what options say of the Imu.
 
@@ -162,6 +180,24 @@ def turned_by_latency(start: FilterStart) -> list[Finding]:
             Severity.LOST,
             "leave --gnss-latency out, or correct it",
             numbers={"attitude_deg": angle / DEGREE, "attitude_over_sigma": sigmas},
+        )
+    ]
+
+
+def unexplained_velocities(start: FilterStart) -> list[Finding]:
+    """Velocities that fit the receiver's own positions, and not the Imu."""
+    if start.unexplained <= MOST_UNEXPLAINED:
+        return []
+    return [
+        Finding(
+            "velocities-do-not-fit",
+            "beside the IMU the receiver's velocities are"
+            f" {start.unexplained:.1f} times as noisy as its own positions allow, and neither a"
+            " latency nor a lever arm that was tried explains it: attitude and its sigmas are not"
+            " to be trusted",
+            Severity.LOST,
+            "check the clocks (--gnss-clock-offset, --gnss-latency), the axes and units of the IMU",
+            numbers={"noise_ratio": start.unexplained},
         )
     ]
 

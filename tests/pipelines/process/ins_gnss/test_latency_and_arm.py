@@ -168,6 +168,22 @@ def test_a_wrong_latency_that_turns_the_attitude_is_told(tmp_path):
     assert named(result)["latency"]["numbers"]["latency_s"] == pytest.approx(0.2, abs=0.01)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("ahead", [0.9, -2.0])
+def test_fixes_of_another_time_are_told_where_no_latency_explains_them(tmp_path, ahead):
+    """Some latency is found, with an antenna elsewhere and a heading that is anything."""
+    truth = walk(1, 300.0)
+    noise = {"sigma": 0.3, "sigma_v": 0.1}
+    data = record(truth, GRADES["tactical"], 1, gnss_rate=5.0, latency=0.1, **noise)
+    log = write(tmp_path / "log.mcap", data)
+    for offset, doubted in ((0.0, False), (ahead, True)):
+        shift = {**KIND, "gnss_clock_offset": offset}
+        result, _ = run(log, input=shift, gnss=given())
+        told = {f["kind"]: f for f in result["findings"] if f["severity"] == "lost"}
+        assert ("velocities-do-not-fit" in told) == doubted
+        assert doubted or not told
+
+
 def test_what_the_filter_assumes_does_not_matter(tmp_path, calm):
     """Latency and arm are what they are, whatever those are about which they are looked for."""
     log = logged(tmp_path, calm, 9, gnss_rate=4.0, sigma_v=0.05, latency=0.1)
