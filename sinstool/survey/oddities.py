@@ -42,6 +42,8 @@ GRAVITY_SIZES = 7.0, 13.0
 # specific force of half a second varies in motion, as a share of its size.
 SLOW_DEG_S = 3.0
 MOVING = 0.01
+# A rate that was given is another than that of the stamps, by this share.
+OTHER_RATE = 0.05
 
 
 def oddities(survey: Survey, options: InputOptions) -> list[Finding]:
@@ -202,6 +204,16 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f" (at least {MIN_RATE_HZ:.0f} are needed)",
             answer="choose the raw topic with --imu-topic, or give the true rate with --imu-rate",
             severity=Severity.FAILED,
+        )
+    given = options.imu_rate
+    if given is not None and s.count > 1 and abs(given / s.rate_hz - 1.0) > OTHER_RATE:
+        yield Finding(
+            "other-rate",
+            f"--imu-rate is {given:.6g} Hz, but the stamps of topic {s.topic} show"
+            f" {s.rate_hz:.6g} Hz: if they are right, rotations come out"
+            f" {s.rate_hz / given:.3g} times as large as they are",
+            answer="leave --imu-rate out, unless the stamps are wrong",
+            numbers={"rate_hz": s.rate_hz},
         )
     if s.count == 1:
         yield Finding("one-sample", f"topic {s.topic} has one usable sample only")

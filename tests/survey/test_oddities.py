@@ -160,6 +160,14 @@ def test_sample_and_hold(rows, findings_of):
     assert "% of the samples repeat" in odd.text
 
 
+def test_a_rate_that_is_not_that_of_the_stamps_is_told(findings_of):
+    rows = imu_messages(even_times(60, 100.0), *resting(60))
+    odd = findings_of(rows, imu_rate=200.0)["other-rate"]
+    assert "200 Hz" in odd.text and "100 Hz" in odd.text and "0.5 times" in odd.text
+    assert "other-rate" not in findings_of(rows, imu_rate=101.0)
+    assert "other-rate" not in findings_of(rows)
+
+
 @pytest.mark.parametrize("rate", [1.0, 4.0, 9.0])
 def test_slow_topics_are_refused(findings_of, rate):
     times = even_times(60, rate)

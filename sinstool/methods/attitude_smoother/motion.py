@@ -68,18 +68,29 @@ class Motion:
     short : bool
         The motion is too short to show whether its position is bounded: then it is a vehicle's,
         as that claims less, unless a vehicle is hardly likelier.
+    chosen : bool
+        By the user. The margin of a hand that was chosen says what the log thinks of it.
     """
 
     model: MotionModel
     margin: float | None
     short: bool = False
+    chosen: bool = False
 
     @property
     def sure(self) -> bool:
         """Whether the margin is far from where the choice turns."""
+        if self.chosen:
+            return True
         if self.short:
             return False
         return self.margin is None or abs(self.margin - MARGIN) > UNSURE * MARGIN
+
+    @property
+    def denied(self) -> bool:
+        """Whether the log shows that a hand, which was chosen, is a vehicle."""
+        vehicle = self.margin is not None and self.margin > (1.0 + UNSURE) * MARGIN
+        return self.chosen and self.model.name == "hand" and vehicle
 
 
 def find_motion(
@@ -96,7 +107,8 @@ def find_motion(
         With rest marked.
     sensors : SensorModel
     name : {'hand', 'vehicle'}, optional
-        Kind of motion, where the user chose it.
+        Kind of motion, where the user chose it. That of a hand claims more than that of a vehicle,
+        and is held against it all the same.
     speed : float, optional
         Speed that GNSS shows, m/s: the model must allow for velocities of that size.
 
@@ -104,35 +116,36 @@ def find_motion(
     -------
     Motion
     """
-    parts = _stretches(epochs)
+    parts, chosen = _stretches(epochs), name is not None
     moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
     least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * VEHICLE.c1))
     if not moving:
         assumed = VEHICLE.with_density(least) if name == "vehicle" else HAND
-        return Motion(assumed, None if name else 0.0)
+        return Motion(assumed, None if chosen else 0.0, chosen=chosen)
     if name is None and speed is not None and speed > HAND_SPEED:
         name = "vehicle"
     margin, short, search = None, False, _Search(parts, sensors)
-    models = [model for model in (HAND, VEHICLE) if name in (None, model.name)]
+    models = [VEHICLE] if name == "vehicle" else [HAND, VEHICLE]
     with executor(2, "sinstool-motion") as pool:
         pairs = [(model, length) for length in LONGER for model in models]
         list(pool.map(lambda one: search.best(*one), pairs))
-    if name is None:
+    if name != "vehicle":
         margin = max(search.margin(1), search.margin(SECOND) * MARGIN / SECOND_MARGIN)
+    if margin is not None and name is None:
         enough = SHORTEST_S if margin < SHORT_MARGIN else SHORT_S
         short = moving * EPOCH_S < enough
         name = "vehicle" if short or margin > MARGIN else "hand"
     if name == "hand":
         density = min(max(search.best(HAND, 1)[0], HAND_RANGE[0]), HAND_RANGE[1])
         doubtful = moving * EPOCH_S < SHORT_S and margin is not None and margin > -SHORT_MARGIN
-        return Motion(HAND.with_density(density), margin, doubtful)
+        return Motion(HAND.with_density(density), margin, doubtful, chosen)
     model, lengths = VEHICLE, LONGER
     follows = search.best(FOLLOWER, FOLLOWS_EPOCHS)[1]
     if follows > search.best(VEHICLE, FOLLOWS_EPOCHS)[1] + FOLLOWS_MARGIN:
         model, lengths = FOLLOWER, LONGER[1:]
         least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * FOLLOWER.c1))
     density = max(search.best(model, length)[0] for length in lengths)
-    return Motion(model.with_density(max(VEHICLE_FACTOR * density, least)), margin, short)
+    return Motion(model.with_density(max(VEHICLE_FACTOR * density, least)), margin, short, chosen)
 
 
 class _Search:

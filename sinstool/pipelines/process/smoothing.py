@@ -65,6 +65,8 @@ STOPPED_SHARE, LOST_SHARE = 0.002, 0.03
 LONG_TURNS = 0.1
 # What is steady for such a share of the time, at more than this, rad/s, may be a turn.
 STEADY, STEADY_RATE = 0.9, 1.0 * DEGREE
+# No hand or drone that was recorded has such a margin, nat per moving epoch.
+DENIED_MARGIN = 2.0
 # Diagnostics are written for each so many epochs.
 DIAGNOSED = 5
 DIAGNOSTICS = (
@@ -306,7 +308,7 @@ class Smoothing:
         )
         worst = int(np.argmax(tilt))
         self._worst_ns = int(correction.time_ns[worst])
-        self._unsure = not motion.sure
+        self._unsure, self._denied = not motion.sure, motion.denied
         self._rested = bool(epochs.rest.any())
 
     def findings(self) -> Iterator[Finding]:
@@ -376,6 +378,19 @@ class Smoothing:
                 " too: with the wrong choice roll and pitch can be degrees off",
                 answer=f"choose with --motion {s.motion} or {other}",
                 numbers={"margin_nat": s.motion_margin_nat or 0.0},
+            )
+
+        if self._denied:
+            margin = s.motion_margin_nat or 0.0
+            lost = margin > DENIED_MARGIN
+            yield Finding(
+                "motion-denied",
+                "the motion was taken for that of a hand, as --motion says, but a vehicle explains"
+                f" it better by {margin:.2g} nat a moving epoch (0.4 decides): roll and pitch "
+                + ("are not to be trusted" if lost else "may be off by several of their sigmas"),
+                severity=Severity.LOST if lost else Severity.WARNING,
+                answer="leave --motion out",
+                numbers={"margin_nat": margin},
             )
 
     def _diagnostics(self, epochs: Epochs, correction: Correction) -> Diagnostics:

@@ -181,7 +181,17 @@ def test_a_few_seconds_do_not_show_that_a_position_is_bounded():
         assert motion.short == short
         assert motion.model.name == ("vehicle" if short else "hand")
         assert motion.sure != short
-        assert find_motion(epochs, sensors, "hand").model.name == "hand"
+        chosen = find_motion(epochs, sensors, "hand")
+        assert chosen.model.name == "hand" and chosen.sure and not chosen.denied
+
+
+def test_a_hand_that_was_chosen_is_denied_by_the_way_of_a_vehicle():
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=False, earth_removed=True)
+    epochs = epochs_of(drawn(VEHICLE, sensors, 120.0, 3, turning=0.5).solution)
+    chosen = find_motion(epochs, sensors, "hand")
+    assert chosen.model.name == "hand" and chosen.denied
+    assert not find_motion(epochs, sensors, "vehicle").denied
+    assert not find_motion(epochs, sensors).denied
 
 
 def at_rest(q_start, seconds=120.0):

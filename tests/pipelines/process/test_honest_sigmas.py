@@ -53,6 +53,14 @@ def test_forty_seconds_show_that_a_motorcycle_goes_where_it_points(tmp_path, see
     assert over_sigma(off, covariance) < 1.0
 
 
+def test_a_motorcycle_that_is_called_a_hand_is_not_to_be_trusted(tmp_path):
+    """Six degrees off at a stated one, with status 0."""
+    log = without_rest(motorcycle(2, 100.0), 2, 60.0)
+    summary, _, _ = smoothed(tmp_path, log, navigation={"motion": "hand"})
+    denied = {f["kind"]: f for f in summary["findings"]}["motion-denied"]
+    assert denied["severity"] == "lost" and denied["numbers"]["margin_nat"] > 2.0
+
+
 def shaken(rate=25.0, seconds=60.0, seed=0):
     """A hand that shakes after a rest, its rates and forces those at the stamps."""
     random = np.random.default_rng(seed)
