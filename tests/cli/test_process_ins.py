@@ -1,17 +1,21 @@
 """`process --mode ins` from the command line: what it says, writes, and lets others read."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from sinstool.cli.main import cli
 from sinstool.core import earth
 from sinstool.core.rotation import to_euler
+from sinstool.pipelines.process.ins import drift_warning
 from tests.helpers.imulogs import angles_between, in_log_axes, read_topic, stamp_ns
 from tests.helpers.logs import real
+from tests.helpers.unseen_drives import GRADES, T0, drive, record, without_fixes, write
 from tests.pipelines.process.flights import flight_log, read
 
 
@@ -115,6 +119,36 @@ def test_what_is_off_the_last_fix(made):
     off = summary["gnss_difference"]
     assert int(off["time_ns"]) == f.flight.time_ns[-1]
     assert abs(off["north_m"]) < 1e-3 and abs(off["east_m"]) < 1e-3 and abs(off["up_m"]) < 0.5
+
+
+def test_how_far_it_drifted_is_told_where_fixes_end_long_before_the_log(tmp_path):
+    """Position was 12 km off the fixes, and not a word of it."""
+    truth = drive(5, 120.0, rest=20.0)
+    data = record(truth, GRADES["industrial"], 5, gnss_rate=1.0)
+    log = write(tmp_path / "log.mcap", without_fixes(data, [(60.0, 120.0)]))
+    words = ["process", str(log), "-o", str(tmp_path / "out.mcap"), "--mode", "ins", "--json"]
+    ran = CliRunner().invoke(cli, words)
+    summary = json.loads(ran.stdout)
+    off = summary["gnss_difference"]
+    assert 55.0 < (int(off["time_ns"]) - T0) * 1e-9 < 60.0
+    told = next(f["text"] for f in summary["findings"] if "drift without fixes" in f["text"])
+    distance = np.hypot(off["north_m"], off["east_m"])
+    assert f"position is {distance:#.3g}".rstrip(".") in told and "--mode ins-gnss" in told
+
+
+@pytest.mark.parametrize("seconds", [60.0, 600.0, 5000.0])
+def test_the_drift_of_a_free_inertial_navigation_is_that_of_schuler(seconds):
+    """A horizontal channel at rest, integrated: acceleration -g tilt, tilt v/R and drift."""
+    earth, g = 6378137.0, 9.80665
+    for bias, drift, which in ((1e-3 * g, 0.0, 0), (0.0, np.deg2rad(10.0) / 3600.0, 1)):
+        end = solve_ivp(
+            lambda _, y, bias=bias, drift=drift: [y[1], bias - g * y[2], y[1] / earth + drift],
+            (0.0, seconds), [0.0, 0.0, 0.0], rtol=1e-10, atol=1e-12,
+        ).y[0, -1]  # fmt: skip
+        text = drift_warning(seconds, None, 0)
+        numbers = re.findall(r"makes ([\d.e+]+) m|gyro ([\d.e+]+) m", text)
+        shown = float(numbers[which][which])
+        assert shown == pytest.approx(abs(end), rel=6e-3)
 
 
 def test_the_page_has_it_all(made):

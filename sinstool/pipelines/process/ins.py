@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.earth import displaced, horizontal_metres
+from sinstool.core.earth import SEMI_MAJOR_AXIS, displaced, horizontal_metres
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.rotation import rotate, wrapped
 from sinstool.core.streams import GnssEpochs, Solution
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE, MILLI_G
+from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, MILLI_G, STANDARD_GRAVITY
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height import layout
 from sinstool.methods.height.network import gravity_gradient
@@ -43,6 +43,8 @@ from sinstool.survey.source import Source, imu_blocks
 VELOCITY_NS = 2 * SECOND
 # What a MEMS accelerometer may well be off by: 1 mg.
 EXAMPLE_BIAS = MILLI_G
+# And a MEMS gyro, once its bias at rest is taken off.
+EXAMPLE_DRIFT = 10.0 * DEGREE_PER_HOUR
 
 
 class InsMode(Mode):
@@ -75,6 +77,7 @@ class InsMode(Mode):
             reference=None if self._damping is None else self._damping.reference,
         )
         self._run = InsRun(state, settings)
+        self._beside: Solution | None = None  # the last that has a fix within
 
     def show(self, sink: Sink) -> None:
         """The heights that the run is held to, and the fixes that it does not use."""
@@ -86,26 +89,38 @@ class InsMode(Mode):
 
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
         """Attitude, velocity and position at every update instant."""
-        return self._run.run(imu_blocks(self.source, self.plan.alignment.time_ns, progress))
+        gnss = self.source.aiding.gnss
+        fixes_ns = np.zeros(0, np.int64) if gnss is None else gnss.time_ns[gnss.has_position]
+        for solution in self._run.run(
+            imu_blocks(self.source, self.plan.alignment.time_ns, progress)
+        ):
+            time_ns = solution.time_ns
+            if len(time_ns) and np.searchsorted(fixes_ns, time_ns[0]) < np.searchsorted(
+                fixes_ns, time_ns[-1], "right"
+            ):
+                self._beside = solution
+            yield solution
 
     def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
         """First attitude, coning, height, and how far the run has gone from GNSS."""
         run, alignment, settings = self._run, self.plan.alignment, self._run.settings
+        seconds = (int(last.time_ns[-1]) - run.first_ns) / SECOND
         height, texts = None, list(self._notes)
         if self._damping is not None:
             assert last.vertical is not None
             height = self._damping.result(run.channel, run.events, run.first_ns, last.vertical[-1])
             texts += height_warnings(run.channel, run.events)
         else:
-            seconds = (int(last.time_ns[-1]) - run.first_ns) / SECOND
             texts.append(undamped_warning(self._latitude, seconds))
+        off = difference_to_gnss(self._beside, self.source.aiding.gnss)
+        texts.append(drift_warning(seconds, off, run.first_ns))
         baro = self.source.aiding.barometer
         damped_by_baro = self.config.vertical.height_damping == "baro"
         return ModeResult(
             alignment=FirstAttitude.of(alignment, self.plan.first_attitude.reason),
             coning=ConingUsed.of(settings.algorithm, settings.gyro_kind, run.updates),
             height=height,
-            gnss_difference=difference_to_gnss(last, self.source.aiding.gnss),
+            gnss_difference=off,
             findings=(
                 *(baro.findings if damped_by_baro else ()),
                 *warned("alignment", alignment.warnings),
@@ -200,20 +215,52 @@ def undamped_warning(latitude: float, seconds: float) -> str:
     )
 
 
+def drift_warning(seconds: float, off: GnssDifference | None, first_ns: int) -> str:
+    """How far position drifts without fixes, and how far it is from those that were not used.
+
+    By a constant error of an accelerometer, and of a gyro, about level (Titterton and Weston,
+    "Strapdown Inertial Navigation Technology", 2nd ed., 2004, table 12.2).
+
+    Parameters
+    ----------
+    seconds : float
+        Length of the run.
+    off : GnssDifference or None
+        At the last fix.
+    first_ns : int
+        Of the run.
+    """
+    rate = np.sqrt(STANDARD_GRAVITY / SEMI_MAJOR_AXIS)  # of Schuler
+    turned = rate * seconds
+    by_accel = EXAMPLE_BIAS / rate**2 * (1.0 - np.cos(turned))
+    by_gyro = EXAMPLE_DRIFT * SEMI_MAJOR_AXIS * (seconds - np.sin(turned) / rate)
+    text = (
+        f"position and velocity drift without fixes: in these {seconds:.0f} s 1 mg of a horizontal"
+        f" accelerometer makes {_three(by_accel)} m, and 10 deg/h of a horizontal gyro"
+        f" {_three(by_gyro)} m"
+    )
+    if off is not None:
+        at = (off.time_ns - first_ns) / SECOND
+        distance = _three(float(np.hypot(off.north_m, off.east_m)))
+        text += f"; at the last fix, after {at:.0f} s, position is {distance} m off"
+        text += ": --mode ins-gnss uses the fixes"
+    return text
+
+
 def _three(value: float) -> str:
     """Three digits, zeros too."""
     return f"{value:#.3g}".rstrip(".")
 
 
-def difference_to_gnss(last: Solution, gnss: GnssEpochs | None) -> GnssDifference | None:
+def difference_to_gnss(last: Solution | None, gnss: GnssEpochs | None) -> GnssDifference | None:
     """Position less that of the last fix, while there are solutions around it.
 
     Parameters
     ----------
-    last : Solution
-        The last block of a run.
+    last : Solution or None
+        The last block of a run that has a fix within.
     """
-    if gnss is None or last.position is None:
+    if gnss is None or last is None or last.position is None:
         return None
     inside = (gnss.time_ns >= last.time_ns[0]) & (gnss.time_ns <= last.time_ns[-1])
     rows = np.flatnonzero(inside & gnss.has_position)
