@@ -1,6 +1,7 @@
 """The front end of alignment in motion: spans of time, fixes, biases, and the way back."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND
+from sinstool.methods.alignment import in_motion
 from sinstool.methods.alignment.in_motion import (
     SpanReader,
     align_in_motion,
@@ -111,6 +113,38 @@ def test_a_level_bias_is_as_uncertain_as_the_course_and_none_where_that_is_anyth
     assert 0.1 * DEGREE < sigma < 0.3 * DEGREE
     assert np.abs(found).max() < 3.0 * sigma
     assert level_bias(*circling(6.0 * DEGREE, np.zeros(3), 2.0), 0) is None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an alignment says, without one."""
+
+    errors: SimpleNamespace | None
+    chi2: float
+    status: str = "ok"
+    sigma_worst: float = 0.01
+    warnings: tuple[str, ...] = ()
+
+
+def test_a_gyro_bias_that_no_refinement_confirms_is_not_gone_after(monkeypatch):
+    """An answer that was not refined may be anything, however well it fits."""
+    bias = SimpleNamespace(gyro_bias=np.array([0.0, 0.0, 1.0]) * DEGREE)
+    removed = []
+
+    def answer(imu, fixes, span):
+        first = np.allclose(imu.delta_theta[1:50].mean(axis=0), removed_from)
+        removed.append(first)
+        return Answer(bias, 2.0) if first else Answer(None, 0.1)
+
+    imu, fixes = circling(6.0 * DEGREE, np.zeros(3))
+    removed_from = increments(imu, "rate", 0.02, np.zeros(3)).delta_theta[1:50].mean(axis=0)
+    monkeypatch.setattr(in_motion, "align_in_flight", answer)
+    settings = AlignmentSettings(gate="off", at="start", refine=True, start_ns=0, grade=MEMS)
+    found = align_in_motion(
+        SpanReader([imu]), "rate", 0.02, fixes, settings, np.zeros(3), [None], 0.5 * DEGREE
+    )
+    assert removed.count(False)  # a bias was taken off and tried
+    assert found.result.errors is bias and not found.bias_by_motion
 
 
 def carried_to_first_fix(moving, imu, gnss):
