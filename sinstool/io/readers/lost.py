@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
+from sinstool.core.dataclass import dataclass
 from sinstool.core.finding import Finding, Severity
 
 # A log damaged in more places than this is not described place by place.

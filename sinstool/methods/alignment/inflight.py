@@ -26,12 +26,13 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cache
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import from_dcm, to_dcm
 from sinstool.methods.alignment import refine as refinement
