@@ -110,14 +110,14 @@ def _of_block(
     rounds = int(turn.max()) + 1 if len(turn) else 0
     for k in range(rounds):
         # Mostly there is one, and nothing has to be picked
-        now = turn == k if rounds > 1 else slice(None)
+        now: BoolArray | slice = turn == k if rounds > 1 else slice(None)
         hp = h[now] @ p[now]
         s = hp @ np.swapaxes(h[now], 1, 2) + noise[now][:, :, None] * np.eye(6)
         inverse[now] = np.linalg.inv(s)
         gain[now] = np.swapaxes(hp, 1, 2) @ inverse[now] * gnss.used[now][:, None, None]
         if k + 1 < rounds:
             after = p[now] - gain[now] @ hp
-            following = np.flatnonzero(now) + 1
+            following = np.flatnonzero(turn == k) + 1
             more = following < len(row)
             more[more] = turn[following[more]] == k + 1
             p[following[more]] = after[more]
