@@ -9,7 +9,6 @@ from dataclasses import FrozenInstanceError, field, replace
 import pytest
 
 from sinstool.core import dataclass as ours
-from tests.helpers.paths import ROOT
 
 MAKERS = {"theirs": dataclasses.dataclass, "ours": ours.dataclass}
 
@@ -144,10 +143,3 @@ def test_frozen_classes_have_one_set_of_methods():
     shared = ("__eq__", "__hash__", "__repr__", "__setattr__", "__delattr__")
     point, named = OURS["Point"], OURS["Named"]
     assert [vars(point)[name] for name in shared] == [vars(named)[name] for name in shared]
-
-
-def test_the_package_makes_its_frozen_classes_here():
-    for path in (ROOT / "sinstool").rglob("*.py"):
-        text = path.read_text()
-        if "@dataclass(frozen=True" in text and path.stem != "dataclass":
-            assert "from sinstool.core.dataclass import dataclass" in text, path
