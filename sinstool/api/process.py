@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sinstool.api.log import Log, frozen, log_path
 from sinstool.api.options import PathLike, configured, path_of
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Solution, concatenate

@@ -10,9 +10,9 @@ from __future__ import annotations
 import glob
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import ConfigurationError, NotALogError, OutputError
 from sinstool.io.readers.formats import METADATA, kind_of
 

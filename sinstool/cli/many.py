@@ -8,6 +8,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -16,7 +17,6 @@ import click
 from sinstool.cli.console import F, plain, print_json, verbose_option, warn
 from sinstool.cli.help import Option
 from sinstool.config import ProcessConfig
-from sinstool.core.dataclass import dataclass
 from sinstool.core.finding import Finding, Severity
 from sinstool.report.text.table import columns, table
 

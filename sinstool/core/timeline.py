@@ -8,14 +8,13 @@ cuts the ordered samples wherever more time passed than can be integrated across
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Generic, TypeVar
 
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.memory import give_back
 from sinstool.core.streams import Imu, Stream, concatenate
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core import units
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import ConfigurationError
 
 Triple = tuple[float, float, float]

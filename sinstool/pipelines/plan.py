@@ -8,7 +8,7 @@ is not made again.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,6 @@ from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.config.unused import listed, unused_options
 from sinstool.core.choices import log_choice
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.finding import Finding
 from sinstool.core.memory import give_back

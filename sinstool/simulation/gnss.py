@@ -10,13 +10,12 @@ and 3e-9.
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sinstool.core import earth, rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.simulation.sensors import markov
 from sinstool.simulation.truth import Trajectory

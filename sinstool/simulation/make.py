@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomli_w
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.core.options import span
 from sinstool.core.rotation import from_euler

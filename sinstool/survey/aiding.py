@@ -7,13 +7,12 @@ units that cannot be right are refused with the option that answers them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
 
 from sinstool.config import InputOptions
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import DataError, SinstoolError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs, Stream

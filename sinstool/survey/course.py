@@ -7,12 +7,12 @@ A vehicle that follows its nose turns as its course does. A car hardly tilts, so
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import wrapped

@@ -7,14 +7,13 @@ that answers them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.choices import log_choice
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding, Severity

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import (

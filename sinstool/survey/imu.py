@@ -8,12 +8,12 @@ depend on where blocks end. Both `sinstool info` and `sinstool process` begin he
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from itertools import chain
 from typing import Protocol
 
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import DataError
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import (

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import takewhile
 
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Magnetometer

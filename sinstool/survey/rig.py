@@ -8,13 +8,12 @@ encoder alone.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from sinstool.config import InputOptions
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import AlignmentError, DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Encoder, Imu

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,6 @@ from sinstool.config import InputOptions, ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.config.logs import parse_time
 from sinstool.core.choices import log_choice
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.memory import give_back

@@ -7,11 +7,12 @@ way they move by the integral of the velocity. Where they show nothing, names of
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.order_statistics import median, quantile
 from sinstool.core.rotation import wrapped

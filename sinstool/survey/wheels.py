@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.rotation import wrapped

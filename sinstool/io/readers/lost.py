@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.finding import Finding, Severity
 
 # A log damaged in more places than this is not described place by place.

@@ -10,12 +10,11 @@ from __future__ import annotations
 import struct
 from collections.abc import Generator, Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import NotALogError, UnsupportedLogError
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.compression import packed_at, too_large

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import count, islice, takewhile
 from types import MappingProxyType
@@ -10,7 +11,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.streams import (
     Baro,

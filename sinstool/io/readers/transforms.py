@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.rotation import multiply, normalise
 from sinstool.io.messages.layout import Layout

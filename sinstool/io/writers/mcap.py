@@ -13,6 +13,7 @@ import zlib
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import IO
 
@@ -23,7 +24,6 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.parts import kernel, part
 from sinstool.core.threads import executor
 from sinstool.io.readers.attachments import index_of

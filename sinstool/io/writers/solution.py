@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.congruence import turned_back
-from sinstool.core.dataclass import dataclass
 from sinstool.core.rotation import conjugate, multiply, rotate, to_euler
 from sinstool.core.streams import Diagnostics, Solution, concatenate
 from sinstool.io.messages.definitions import md5_sum, ros1_type_name, schema_text, type_hash

@@ -8,12 +8,11 @@ the INS/GNSS filter all begin here.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import GnssEpochs, Imu, concatenate

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
 from sinstool.core.running_median import running_median

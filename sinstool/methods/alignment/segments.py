@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import take_rows
 from sinstool.methods.alignment import gate, preparation

@@ -6,11 +6,11 @@ mean; the means only have to stay what they were.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import comb, dist, sqrt
 
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.parts import kernel
 from sinstool.core.units import DEGREE
 

@@ -8,10 +8,11 @@ segments only; the sums of their squares over all segments are pooled.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.parts import njit
 
 PER_OCTAVE = 3

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.parts import kernel
 from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
 from sinstool.core.rotation import conjugate, exp, log, multiply

@@ -6,13 +6,12 @@ a bias of the gyros would do to the attitude meanwhile, are all that the filter 
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.memory import joined
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import dcm, to_unit

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import exp, hypot, sqrt
 from typing import Literal
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import EARTH_RATE
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade
 

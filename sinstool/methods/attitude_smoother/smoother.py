@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.order_statistics import median
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_dcm
 from sinstool.methods.attitude_smoother import kernels, state
@@ -17,6 +15,7 @@ from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs, merged
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
+from sinstool.methods.attitude_smoother.magnetometer import North
 from sinstool.methods.attitude_smoother.model import (
     CALIBRATED,
     FOLLOWER,
@@ -28,9 +27,6 @@ from sinstool.methods.attitude_smoother.model import (
     poor_accel_bias,
 )
 from sinstool.methods.attitude_smoother.start import NO_KINDS, Prior, first_state, parameters
-
-if TYPE_CHECKING:
-    from sinstool.methods.attitude_smoother.magnetometer import North
 
 NO_PRIOR = Prior()
 # Epochs whose steps of the filter are stored at a time.

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from sinstool.core.arrays import ArrayLike, FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.small_file import read_text
 

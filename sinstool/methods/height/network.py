@@ -26,9 +26,10 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import normal_gravity
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.sensor_errors import Grade

@@ -12,13 +12,12 @@ References
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.order_statistics import median, quantile
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE

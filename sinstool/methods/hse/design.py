@@ -6,12 +6,11 @@ the fits in :mod:`sinstool.methods.hse.fit` and :mod:`sinstool.methods.hse.axial
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC

@@ -12,12 +12,12 @@ constant rate and keeps the angle monotone.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import AlignmentError
 from sinstool.core.parts import njit
 from sinstool.methods.hse.rig import EncoderModel

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import ConfigurationError
 from sinstool.methods.hse.axial import AxialFit
 from sinstool.methods.hse.run import HseRun

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.rotation import wrapped
 from sinstool.methods.hse.least_squares import LeastSquares, least_squares, outlier_limit

@@ -18,13 +18,12 @@ import json
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC
 

@@ -18,12 +18,11 @@ turn ends inside a sample, which is then shared out by the angle.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import AlignmentError
 from sinstool.core.parts import njit
 from sinstool.methods.hse.encoder import TableAngle

@@ -9,10 +9,10 @@ line has to hold.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.units import ARCSEC

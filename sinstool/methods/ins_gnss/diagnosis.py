@@ -29,14 +29,13 @@ References
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.arrays import BoolArray, FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.finding import Finding
 from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, to_dcm
 from sinstool.core.streams import GnssEpochs

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.height import layout as height_layout

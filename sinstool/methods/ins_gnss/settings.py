@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC
 from sinstool.methods.height.network import HeightNetwork, recommended

@@ -31,13 +31,12 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import displaced
 from sinstool.core.rotation import wrapped
 from sinstool.methods.ins_gnss.between_rows import (

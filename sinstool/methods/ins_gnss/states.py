@@ -42,14 +42,13 @@ References
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core.arrays import IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import ConfigurationError
 
 POSITION = 0

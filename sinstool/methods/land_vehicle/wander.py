@@ -13,10 +13,11 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs

@@ -8,12 +8,12 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import product, row, to_unit
 from sinstool.core.rotation import normalise

@@ -31,12 +31,12 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import sin, sqrt
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import cross
 from sinstool.methods.coning.stage import ConingStage, RotationVectors

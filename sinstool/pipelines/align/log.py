@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,6 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.core.choices import log_choice
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.progress import Progress, share

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.finding import Finding
 from sinstool.core.result import Result, compass
 from sinstool.core.rotation import to_euler

@@ -7,13 +7,13 @@ averaging times need grows with the log, and they are bounded.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.parts import njit
 from sinstool.core.timeline import SECOND
 from sinstool.methods.allan.deviation import (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,6 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.choices import log_choice
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import DataError
 from sinstool.core.progress import share
 from sinstool.core.streams import Imu

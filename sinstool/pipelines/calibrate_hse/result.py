@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,6 @@ import tomli_w
 
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import OutputError
 from sinstool.core.finding import Finding, exit_status
 from sinstool.core.result import as_json

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import atan2, sqrt
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import product, to_rotation_vector
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate

@@ -7,7 +7,7 @@ it, and windows of all of them are compared.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ import numpy as np
 
 from sinstool.config import ComparisonOptions, ConingOptions, ProcessConfig
 from sinstool.core.choices import log_choice
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND, segments

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from math import factorial
 from queue import Empty, SimpleQueue
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import product
 from sinstool.core.rotation import log

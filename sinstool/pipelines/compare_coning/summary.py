@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.finding import Finding
 from sinstool.core.result import Result, fields_in
 from sinstool.methods.coning.increments import GyroKind

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.finding import Finding
 from sinstool.core.result import Result
 from sinstool.io.readers.lost import LogLosses

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.finding import Finding, Severity, exit_status
 from sinstool.core.result import as_json
 from sinstool.io.readers.lost import LogLosses

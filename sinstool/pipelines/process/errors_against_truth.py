@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import TopicError
 from sinstool.core.rotation import conjugate, exp, log, multiply, tilt_and_heading, wrapped

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.choices import log_choice
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.finding import Finding
 from sinstool.core.result import Result
 from sinstool.pipelines.log_used import ImuTime, Lost

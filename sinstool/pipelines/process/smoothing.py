@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -41,13 +41,11 @@ from sinstool.methods.attitude_smoother.start import Prior
 from sinstool.methods.attitude_smoother.steady import turning, with_steady
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.grade import gyro_walk, largest_bias, sensor_grade
 from sinstool.survey.rest import longest_rest, moving_at
 from sinstool.survey.source import Source, nominal_interval
-
-if TYPE_CHECKING:
-    from sinstool.pipelines.process.compass import MagneticHeading
 
 # Intervals that are integrated across when gravity will put right what that leaves.
 SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
@@ -115,9 +113,6 @@ class Smoothing:
         self.north_referenced: bool | None = None
         self._magnetic: MagneticHeading | None = None
         if plan.magnetic is not None:
-            # What most logs have no need of
-            from sinstool.pipelines.process.compass import MagneticHeading
-
             gap_ns = settings["max_gap_ns"]
             self._magnetic = MagneticHeading(source, config, plan.magnetic, gap_ns)
         self._held: list[Solution] | None = None

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.order_statistics import median
 from sinstool.core.rotation import wrapped

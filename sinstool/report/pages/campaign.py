@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import OutputError
 from sinstool.core.whole_file import write_table, write_whole
 from sinstool.report.markup import markup

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.dataclass import dataclass
 from sinstool.core.parts import njit
 
 # Rows that are made at once: their text stays in the processor's cache

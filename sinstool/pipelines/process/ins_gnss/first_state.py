@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND

@@ -6,7 +6,7 @@ only where fixes are left out: see :mod:`~sinstool.pipelines.process.ins_gnss.im
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
@@ -14,7 +14,6 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray
 from sinstool.core.chi_square import upper_point
-from sinstool.core.dataclass import dataclass
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm

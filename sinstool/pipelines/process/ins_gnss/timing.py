@@ -10,14 +10,13 @@ the mean of both, so that positions are valid at ``stamp - latency + lag/2`` and
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.dataclass import dataclass
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
