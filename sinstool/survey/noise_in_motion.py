@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.order_statistics import median
 from sinstool.methods.alignment.still import WINDOW_NS
 from sinstool.survey.source import Source
 
@@ -38,12 +39,17 @@ def walks_in_motion(source: Source) -> tuple[float, float] | None:
     axis = np.sqrt(source.survey.duration_s / windows.count.sum() / 3.0)
     walks: list[float] = []
     for fast, mean in ((windows.gyro_fast, windows.gyro), (windows.accel_fast, windows.accel)):
-        moving, resting = (axis * float(np.nanmedian(fast[rows])) for rows in (~still, still))
+        moving, resting = (axis * _median_known(fast[rows]) for rows in (~still, still))
         if not resting > 0.0:
             return None
         filtered = _of_means(mean, still) / resting
         walks.append(moving * filtered if filtered > LEAST_FILTERED else moving)
     return (walks[0], walks[1]) if min(walks) > 0.0 else None
+
+
+def _median_known(values: FloatArray) -> float:
+    """Median of those that are not NaN; NaN where there is none."""
+    return float(median(values[~np.isnan(values)]))
 
 
 def _of_means(mean: FloatArray, still: BoolArray) -> float:
@@ -52,5 +58,5 @@ def _of_means(mean: FloatArray, still: BoolArray) -> float:
     if not inside.any():
         return np.nan
     change = (mean[2:] - 2.0 * mean[1:-1] + mean[:-2])[inside]
-    square = float(np.median(np.mean(change**2, axis=1))) / MEDIAN_OF_THREE
+    square = float(median(np.mean(change**2, axis=1))) / MEDIAN_OF_THREE
     return float(np.sqrt(square / 6.0 * WINDOW_NS * 1e-9))

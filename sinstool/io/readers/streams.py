@@ -205,8 +205,9 @@ def read_imu(
                 q = np.broadcast_to(np.nan, (len(gyro), 4))
         block = Imu(log_time_ns if log_time else stamp(values), log_time_ns, gyro, accel, q)
         # NaN is not smaller either
-        usable = ((np.abs(gyro) < LARGEST) & (np.abs(accel) < LARGEST)).all(axis=1)
-        if not usable.all():
+        small = np.abs(gyro) < LARGEST, np.abs(accel) < LARGEST
+        if not (small[0].all() and small[1].all()):
+            usable = (small[0] & small[1]).all(axis=1)
             losses.nonfinite += int(len(usable) - np.count_nonzero(usable))
             block = block.rows(usable)
         if len(block):

@@ -330,7 +330,7 @@ def first_motion(fixes: GnssFixes, first_ns: int, rest_ns: int) -> int | None:
     begin: int | None = None
     for least in (MOVING_M_S, *SLOW_M_S):
         moving = np.flatnonzero((speed > least) & (fixes.time_ns >= rest_ns))
-        if not len(moving) or (begin is not None and np.median(speed) < least):
+        if not len(moving) or (begin is not None and median(speed) < least):
             break  # what is usually slower stands, and its fixes are noisy
         enough = left_s[moving[0]] >= MIN_POSITION_SPAN_S
         if enough or begin is None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.order_statistics import median
 
 
 def to_inertial(vectors_e: FloatArray, time_s: FloatArray) -> FloatArray:
@@ -114,7 +115,7 @@ def acceleration_reference(
     older = newer - span
     at = newer - 1 if central else newer
     step = time_s[newer] - time_s[older]
-    usual = np.median(np.diff(time_s)) if count > 1 else 0.0
+    usual = median(np.diff(time_s)) if count > 1 else 0.0
     close = step <= 1.5 * span * usual  # a difference over a gap is no derivative
     at, newer, older, step = at[close], newer[close], older[close], step[close]
     rate = (velocity_n[newer] - velocity_n[older]) / step[:, None]

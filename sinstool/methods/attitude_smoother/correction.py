@@ -51,7 +51,7 @@ class Correction:
     def apply(self, solution: Solution) -> Solution:
         """A solution with its attitude and its rates corrected, and with a covariance."""
         n = len(solution)
-        at = np.searchsorted(self.time_ns, solution.time_ns, "left") - 1
+        first = int(np.searchsorted(self.time_ns, solution.time_ns[0], "left")) - 1 if n else 0
         q, rate, covariance = np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3, 3))
         _corrected(
             self.time_ns,
@@ -59,7 +59,7 @@ class Correction:
             self.turn,
             self.gyro_bias,
             self.covariance_n,
-            np.clip(at, 0, len(self.turn) - 1),
+            min(max(first, 0), len(self.turn) - 1),
             solution.time_ns,
             solution.q_nb,
             solution.omega_ib_b,
@@ -124,7 +124,7 @@ def _corrected(
     turn: FloatArray,
     bias: FloatArray,
     covariance_n: FloatArray,
-    at: np.ndarray,
+    k: int,
     time_ns: np.ndarray,
     q_nb: FloatArray,
     omega: FloatArray,
@@ -132,9 +132,16 @@ def _corrected(
     omega_out: FloatArray,
     covariance_out: FloatArray,
 ) -> None:
-    """Corrections between the limits of epochs, `at` the epoch of each sample."""
+    """Corrections between the limits of epochs, from about the epoch `k` on.
+
+    A sample is in the epoch at whose end it is, or before it; what lies outside of all of them
+    belongs to the first or the last.
+    """
     for i in range(len(q_out)):
-        k = at[i]
+        while k < len(turn) - 1 and time_ns[i] > limits[k + 1]:
+            k += 1
+        while k > 0 and time_ns[i] <= limits[k]:
+            k -= 1
         s = (time_ns[i] - limits[k]) / max(limits[k + 1] - limits[k], 1)
         w, x, y, z = increment_quaternion(s * turn[k, 0], s * turn[k, 1], s * turn[k, 2], 0)
         w, x, y, z = product(w, x, y, z, q[k, 0], q[k, 1], q[k, 2], q[k, 3])

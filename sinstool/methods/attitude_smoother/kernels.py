@@ -47,7 +47,7 @@ def scratch(n: int) -> tuple[FloatArray, ...]:
     return np.empty(n), np.empty(n), *squares, np.empty((3, 3))
 
 
-@kernel(vectorizes=False)
+@kernel()
 def forward(
     epochs: FloatArray,
     field: FloatArray,

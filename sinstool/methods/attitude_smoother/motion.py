@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 from math import exp, log, sqrt
 
 import numpy as np
@@ -50,8 +51,9 @@ LONGER: tuple[int, ...] = (1, SECOND, 20, 100)
 # A vehicle goes where it points if that is so many times as likely (nat), over epochs of 4 s: in
 # shorter ones its shaking says more than its way.
 FOLLOWS_MARGIN, FOLLOWS_EPOCHS = 3.0, 20
-# Of the search on the logarithm of the density
-FIRST_STEP, LAST_STEP = 0.8, 0.15
+# The search is on a grid of the density's logarithm: so far from one to the next, and so many of
+# them at a time to begin with; fewer where it begins at what was found over longer epochs.
+GRID, FIRST_STEP, NEAR_STEP = 0.2, 4, 2
 SEARCHED = (log(0.005), log(50.0))
 
 
@@ -127,8 +129,7 @@ def find_motion(
     margin, short, search = None, False, _Search(parts, sensors)
     models = [VEHICLE] if name == "vehicle" else [HAND, VEHICLE]
     with executor(2, "sinstool-motion") as pool:
-        pairs = [(model, length) for length in LONGER for model in models]
-        list(pool.map(lambda one: search.best(*one), pairs))
+        list(pool.map(search.best, models, [1] * len(models)))
     if name != "vehicle":
         margin = max(search.margin(1), search.margin(SECOND) * MARGIN / SECOND_MARGIN)
     if margin is not None and name is None:
@@ -160,7 +161,9 @@ class _Search:
         """Density under which the motion is most likely, and its log likelihood there."""
         key = model, length
         if key not in self._cache:
-            self._cache[key] = _most_likely(self._parts[length], model, self._sensors)
+            # Over longer epochs it is found sooner, and it is not far from there
+            near = self.best(model, SECOND)[0] if length == 1 else None
+            self._cache[key] = _most_likely(self._parts[length], model, self._sensors, near)
         return self._cache[key]
 
     def margin(self, length: int) -> float:
@@ -184,31 +187,40 @@ def _stretches(epochs: Epochs) -> list[Epochs]:
 
 
 def _most_likely(
-    parts: list[Epochs], model: MotionModel, sensors: SensorModel
+    parts: list[Epochs], model: MotionModel, sensors: SensorModel, near: float | None = None
 ) -> tuple[float, float]:
-    """Density under which the motion is most likely, and its log likelihood there."""
+    """Density under which the motion is most likely, and its log likelihood there.
 
-    def likelihood(at: float) -> float:
+    Parameters
+    ----------
+    near : float, optional
+        A density that it may be close to, of those that this gives.
+    """
+
+    @cache
+    def likelihood(number: int) -> float:
+        at = log(HAND.density) + GRID * number
+        if not SEARCHED[0] <= at <= SEARCHED[1]:
+            return DIVERGED
         total = 0.0
         for part in parts:
-            shaken = model.with_density(exp(at))
-            one = filtered(part, shaken, sensors)
-            total = max(total + one, DIVERGED)
+            total = max(total + filtered(part, model.with_density(exp(at)), sensors), DIVERGED)
         return total
 
-    at, step = log(HAND.density), FIRST_STEP
-    best = likelihood(at)
-    directions = [-1.0, 1.0]
-    while step >= LAST_STEP:
+    best, step = 0, FIRST_STEP
+    if near is not None:
+        number = round(log(near / HAND.density) / GRID)
+        if likelihood(number) > DIVERGED:
+            best, step = number, NEAR_STEP
+    directions = [-1, 1]
+    while step:
         for direction in directions:
-            trial = at + direction * step
-            value = likelihood(trial) if SEARCHED[0] <= trial <= SEARCHED[1] else DIVERGED
-            if value > best:
-                at, best = trial, value
+            if likelihood(best + direction * step) > likelihood(best):
+                best += direction * step
                 # the other direction leads back to a lower likelihood
                 directions = [direction]
                 break
         else:
-            step *= 0.5
-            directions = [-1.0, 1.0]
-    return exp(at), best
+            step //= 2
+            directions = [-1, 1]
+    return exp(log(HAND.density) + GRID * best), likelihood(best)

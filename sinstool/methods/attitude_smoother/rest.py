@@ -12,7 +12,6 @@ from itertools import pairwise
 from math import exp
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from sinstool.core.earth import EARTH_RATE, SEMI_MAJOR_AXIS
 from sinstool.core.order_statistics import median
@@ -313,7 +312,7 @@ def _quiet(part: np.ndarray) -> np.ndarray:
     ):
         variance = _window_mean(part[:, square : square + 3])
         own = _window_mean(part[:, square : square + 3] / count)
-        scatter = sliding_window_view(part[:, mean : mean + 3], WINDOW, axis=0).var(axis=-1)
+        scatter = _window_variance(part[:, mean : mean + 3])
         quiet &= (scatter < least**2 + own).all(axis=1)
         quiet &= (variance < most**2).all(axis=1)
     rate = _window_mean(part[:, GYRO : GYRO + 3])
@@ -322,7 +321,19 @@ def _quiet(part: np.ndarray) -> np.ndarray:
 
 
 def _window_mean(columns: np.ndarray) -> np.ndarray:
-    return np.asarray(sliding_window_view(columns, WINDOW, axis=0).mean(axis=-1))
+    # Column by column of the windows, as NumPy takes its time over so short an axis
+    return np.asarray(sum(_in_windows(columns)) / WINDOW)
+
+
+def _window_variance(columns: np.ndarray) -> np.ndarray:
+    mean = _window_mean(columns)
+    return np.asarray(sum((each - mean) ** 2 for each in _in_windows(columns)) / WINDOW)
+
+
+def _in_windows(columns: np.ndarray) -> list[np.ndarray]:
+    """The first rows of all windows, the second rows, and so on."""
+    count = len(columns) - WINDOW + 1
+    return [columns[k : k + count] for k in range(WINDOW)]
 
 
 def _agreeing(rows: np.ndarray, still: np.ndarray) -> np.ndarray:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import sqrt
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.rotation import exp, to_dcm
 from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.epochs import DURATION, JB, Epochs, mean_force
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
@@ -90,14 +90,18 @@ def upright(force: FloatArray) -> FloatArray:
     force : ndarray, shape (3,)
         NED.
     """
-    size = np.linalg.norm(force)
+    size = sqrt(force @ force)
     if not size > 0.0:
         return np.eye(3)
-    up = np.array([0.0, 0.0, -1.0])
-    axis = np.cross(force / size, up)
-    sine, cosine = np.linalg.norm(axis), float(force @ up / size)
-    axis = axis / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
-    return to_dcm(exp(axis * np.arctan2(sine, cosine)))
+    x, y, z = (force / size).tolist()
+    # about (-y, x, 0), whose length is the sine, by an angle with the cosine -z
+    square = x * x + y * y
+    if square < 1e-24:
+        return np.diag([1.0, 1.0, 1.0] if z < 0.0 else [1.0, -1.0, -1.0])
+    k = (1.0 + z) / square
+    return np.array(
+        [[1.0 - k * x * x, -k * x * y, x], [-k * x * y, 1.0 - k * y * y, y], [-x, -y, -z]]
+    )
 
 
 def parameters(

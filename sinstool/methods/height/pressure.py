@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
+from sinstool.core.order_statistics import median, quantile
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
 
@@ -185,17 +186,17 @@ def suspected_unit(pressure: ArrayLike) -> UnitSuspicion:
     p = p[np.isfinite(p) & (p > 0.0)][:UNIT_SAMPLES]
     if not len(p):
         return UnitSuspicion("unknown", float("nan"), 0)
-    median = float(np.median(p))
+    middle = float(median(p))
     unit: Unit = "unknown"
-    if PRESSURE_RANGE[0] <= median <= PRESSURE_RANGE[1]:
+    if PRESSURE_RANGE[0] <= middle <= PRESSURE_RANGE[1]:
         unit = "Pa"
-    elif 20.0 <= median <= 32.0:
+    elif 20.0 <= middle <= 32.0:
         unit = "inHg"
-    elif 10.0 <= median <= 120.0:
+    elif 10.0 <= middle <= 120.0:
         unit = "kPa"
-    elif 120.0 < median <= 1200.0:
+    elif 120.0 < middle <= 1200.0:
         unit = "hPa"
-    return UnitSuspicion(unit, median, len(p))
+    return UnitSuspicion(unit, middle, len(p))
 
 
 def frozen_spans(
@@ -339,7 +340,7 @@ def reference_from_start(pressure: ArrayLike, height: float) -> BaroReference:
     p = p[pressure_reason(p) == ACCEPTED]
     if not len(p):
         raise ValueError("Expected at least one pressure between 100 and 1200 hPa.")
-    return BaroReference("init", height - float(np.median(_standard_height(p))), samples=len(p))
+    return BaroReference("init", height - float(median(_standard_height(p))), samples=len(p))
 
 
 def reference_from_gnss(
@@ -368,7 +369,7 @@ def reference_from_gnss(
     if not len(times):
         return None
     early = times - times[0] <= round(GNSS_WINDOW * 1e9)
-    offset = float(np.median(heights[early] - standard[early]))
+    offset = float(median(heights[early] - standard[early]))
     reference = BaroReference("gnss", offset, samples=int(np.count_nonzero(early)))
     if len(times) < 10:
         return reference
@@ -391,8 +392,8 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
     """
     h = np.asarray(standard_height, dtype=np.float64)
     g = np.asarray(gnss_height, dtype=np.float64)
-    centre, level = float(np.median(h)), float(np.median(g))
-    low, high = np.percentile(g, [1.0, 99.0])
+    centre, level = float(median(h)), float(median(g))
+    low, high = quantile(g, 0.01), quantile(g, 0.99)
     # The scale is searched per 100 m, so that both unknowns are of one size.
     x = (h - centre) / 100.0
     found, spread = np.array([0.0, 100.0]), 10.0
@@ -400,7 +401,7 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
     for _ in range(2):
         found = _huber_line(x, g - level, found, max(1.345 * spread, 0.1))
         rest = g - level - found[0] - found[1] * x
-        spread = min(1.4826 * float(np.median(np.abs(rest - np.median(rest)))), 10.0)
+        spread = min(1.4826 * float(median(np.abs(rest - median(rest)))), 10.0)
     scale = float(found[1]) / 100.0
     applied = high - low > MIN_SCALE_RANGE and SCALE_BOUNDS[0] <= scale <= SCALE_BOUNDS[1]
     return ScaleFit(

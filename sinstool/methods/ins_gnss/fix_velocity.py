@@ -14,6 +14,7 @@ import numpy as np
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.monotone_cubic import integral
+from sinstool.core.order_statistics import median
 from sinstool.core.parts import kernel
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, concatenate
@@ -67,7 +68,7 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
     if n < LEAST:
         return rows.rows(slice(0, 0))
     t = (rows.time_ns - rows.time_ns[0]) / SECOND
-    height = float(np.median(rows.height))
+    height = float(median(rows.height))
     longitude = np.unwrap(rows.longitude)
     north, east = horizontal_metres(
         rows.latitude - rows.latitude[0], longitude - longitude[0], rows.latitude[0], height
@@ -87,7 +88,7 @@ def worse_than_usual(gnss: GnssEpochs) -> BoolArray:
     stated = np.isfinite(sigma).all(axis=1)
     if not stated.any():
         return np.zeros(len(gnss), dtype=np.bool_)
-    usual = np.median(sigma[stated], axis=0)
+    usual = median(sigma[stated], axis=0)
     return np.asarray(stated & (sigma > WORSE * usual).any(axis=1))
 
 
@@ -101,7 +102,7 @@ def outlying(gnss: GnssEpochs) -> BoolArray:
     bad = np.zeros(len(gnss), dtype=np.bool_)
     rows = np.flatnonzero(gnss.has_position)
     sigma = gnss.sigma_position_n[rows, :2]
-    stated = float(np.median(sigma[np.isfinite(sigma)])) if np.isfinite(sigma).any() else 0.0
+    stated = float(median(sigma[np.isfinite(sigma)])) if np.isfinite(sigma).any() else 0.0
     # Outliers one after the other leave one at a time
     for _ in range(OUTLIER_ROUNDS):
         at = rows[~bad[rows]]
@@ -118,7 +119,7 @@ def outlying(gnss: GnssEpochs) -> BoolArray:
         part = (before / (before + after))[:, None]
         off = np.linalg.norm(place[1:-1] - (1.0 - part) * place[:-2] - part * place[2:], axis=1)
         around = np.concatenate([[0.0], off, [0.0]])
-        limit = OUTLYING * max(float(np.median(off)), stated) + 0.5 * MOST_TURN * before * after
+        limit = OUTLYING * max(float(median(off)), stated) + 0.5 * MOST_TURN * before * after
         peak = (off >= around[:-2]) & (off >= around[2:]) & (off > limit)
         if not peak.any():
             break
@@ -208,7 +209,7 @@ def _sums(
 
 def _half(seconds: np.ndarray, sigma_m: float) -> float:
     """Half of the window, s: of N fixes over T, velocity is good to sigma sqrt(12/N)/T."""
-    usual = float(np.median(np.diff(seconds)))
+    usual = float(median(np.diff(seconds)))
     half = 0.5 * np.cbrt(12.0 * sigma_m**2 * usual / TARGET**2)
     return float(max(np.clip(half, SHORTEST_S, LONGEST_S), 0.5 * LEAST * usual))
 
@@ -230,7 +231,7 @@ def velocity_lag(gnss: GnssEpochs) -> Latency:
     if len(fixes) < 20:
         return NOT_OBSERVABLE
     t = (fixes.time_ns - fixes.time_ns[0]) * 1e-9
-    usual = float(np.median(np.diff(t)))
+    usual = float(median(np.diff(t)))
     span = min(2.0 * usual, 1.0)
     # Down is often known worse than it moves
     fine = np.arange(0.0, t[-1], min(0.02, 0.1 * usual))

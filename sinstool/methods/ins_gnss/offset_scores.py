@@ -106,17 +106,20 @@ def _of_block(
     p = stored.covariance_before[np.minimum(row, len(stored) - 1)]
     gain = np.zeros((len(row), h.shape[2], 6))
     inverse = np.zeros((len(row), 6, 6))
-    for k in range(int(turn.max()) + 1 if len(turn) else 0):
-        now = turn == k
+    rounds = int(turn.max()) + 1 if len(turn) else 0
+    for k in range(rounds):
+        # Mostly there is one, and nothing has to be picked
+        now: BoolArray | slice = turn == k if rounds > 1 else slice(None)
         hp = h[now] @ p[now]
         s = hp @ np.swapaxes(h[now], 1, 2) + noise[now][:, :, None] * np.eye(6)
         inverse[now] = np.linalg.inv(s)
         gain[now] = np.swapaxes(hp, 1, 2) @ inverse[now] * gnss.used[now][:, None, None]
-        after = p[now] - gain[now] @ hp
-        following = np.flatnonzero(now) + 1
-        more = following < len(row)
-        more[more] = turn[following[more]] == k + 1
-        p[following[more]] = after[more]
+        if k + 1 < rounds:
+            after = p[now] - gain[now] @ hp
+            following = np.flatnonzero(turn == k) + 1
+            more = following < len(row)
+            more[more] = turn[following[more]] == k + 1
+            p[following[more]] = after[more]
     shown, turned = np.empty((len(row), 6, 4)), np.empty((len(row), 3, 4))
     off = off.copy()
     _gone_astray(stored.transition, row, h, d, gain, off, shown, turned, np.empty_like(off))

@@ -10,6 +10,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
+from sinstool.core.order_statistics import median
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs
 from sinstool.methods.height.layout import ACCEPTED, REASONS, ChannelSummary, Event
 from sinstool.methods.height.network import (
@@ -152,7 +153,7 @@ def height_reference(
             baro.time_ns,
             height,
             reason,
-            float(np.median(positive)) if len(positive) else 0.0,
+            float(median(positive)) if len(positive) else 0.0,
             reference,
         ),
         warnings,
@@ -260,7 +261,7 @@ def _first_jump(values: np.ndarray) -> int:
         return len(values)
     medians = _medians(values)
     steps = np.abs(medians[JUMP_ROWS:] - medians[:-JUMP_ROWS])
-    usual = float(np.median(steps))
+    usual = float(median(steps))
     jumps = np.flatnonzero(steps > max(MOVED_M, JUMP_RATIO * usual))
     # most of the later rows are beyond the jump when it shows
     return int(jumps[0]) + JUMP_ROWS + JUMP_ROWS // 2 if len(jumps) else len(values)
@@ -269,7 +270,7 @@ def _first_jump(values: np.ndarray) -> int:
 def _medians(values: np.ndarray) -> np.ndarray:
     """Running medians, which noise and single outliers do not move much."""
     windows = np.lib.stride_tricks.sliding_window_view(values, JUMP_ROWS)
-    return np.asarray(np.median(windows, axis=1))
+    return np.asarray(median(windows, axis=1))
 
 
 def _from_heights(source: Source, stream: BaroHeight) -> HeightReference:
@@ -300,7 +301,7 @@ def _from_gnss(source: Source) -> HeightReference:
         rows.time_ns,
         rows.height,
         np.zeros(len(rows), np.int64),
-        float(np.median(stated)) if len(stated) else 0.0,
+        float(median(stated)) if len(stated) else 0.0,
         None,
     )
 

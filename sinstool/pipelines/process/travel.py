@@ -125,15 +125,19 @@ class Odometer:
         if self._first_ns is None:
             self._first_ns = int(solution.time_ns[0])
         self._last_ns = int(solution.time_ns[-1])
-        seconds = (solution.time_ns - self._first_ns) // SECOND
-        rows = np.flatnonzero(np.diff(seconds, prepend=self._second))
-        self._second = int(seconds[-1])
+        # The first of each second
+        last = (self._last_ns - self._first_ns) // SECOND
+        begins = self._first_ns + SECOND * np.arange(self._second + 1, last + 1)
+        rows = np.searchsorted(solution.time_ns, begins)
+        rows = rows[np.diff(rows, prepend=-1) > 0]
+        self._second = last
         if solution.velocity_n is not None and solution.position is not None:
             fastest = float(np.hypot(*solution.velocity_n[:, :2].T).max())
             self._fastest = fastest if self._fastest is None else max(self._fastest, fastest)
             self._move(solution.position[rows])
         if solution.covariance_attitude_n is not None:
-            self._keep(solution, rows[seconds[rows] % self._stride == 0])
+            seconds = (solution.time_ns[rows] - self._first_ns) // SECOND
+            self._keep(solution, rows[seconds % self._stride == 0])
 
     def _move(self, places: FloatArray) -> None:
         """Add the way through places, each a second or more after the one before."""

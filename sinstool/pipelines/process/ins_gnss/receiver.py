@@ -8,6 +8,7 @@ import numpy as np
 
 from sinstool.config import GnssOptions, ProcessConfig
 from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.order_statistics import median
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.fix_velocity import WORSE, split_position_velocity
@@ -66,8 +67,8 @@ def _worse_for_long(gnss: GnssEpochs) -> FloatArray:
     stated = np.isfinite(sigma).all(axis=1)
     if np.count_nonzero(stated) < 2:
         return sigma
-    interval = float(np.median(np.diff(gnss.time_ns[stated]))) / SECOND
-    usual = np.square(WORSE * np.median(sigma[stated], axis=0))
+    interval = float(median(np.diff(gnss.time_ns[stated]))) / SECOND
+    usual = np.square(WORSE * median(sigma[stated], axis=0))
     excess = np.maximum(np.square(sigma) - usual, 0.0)
     return np.sqrt(np.square(sigma) + (max(WORSE_S / interval, 1.0) - 1.0) * excess)
 
@@ -254,9 +255,10 @@ def _usual(
     stated = np.isfinite(sigma).any(axis=0)
     if not stated[:2].all():
         return factor * np.array(assumed), False
-    median = np.array([np.nanmedian(sigma[:, k]) if stated[k] else np.nan for k in range(3)])
-    median[2] = median[2] if stated[2] else 1.6 * median[0]
-    return factor * np.maximum(median, least), True
+    known = [column[~np.isnan(column)] for column in sigma.T]
+    usual = np.array([median(known[k]) if stated[k] else np.nan for k in range(3)])
+    usual[2] = usual[2] if stated[2] else 1.6 * usual[0]
+    return factor * np.maximum(usual, least), True
 
 
 def _speed(gnss: GnssEpochs) -> np.ndarray:
