@@ -318,7 +318,16 @@ PERFECT = SensorErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, HOUR)
 
 
 def record(
-    truth, errors, seed, *, gnss_rate=1.0, sigma=FIX_SIGMA, sigma_v=None, latency=0.0, lever=LEVER
+    truth,
+    errors,
+    seed,
+    *,
+    gnss_rate=1.0,
+    sigma=FIX_SIGMA,
+    sigma_v=None,
+    latency=0.0,
+    lever=LEVER,
+    misalignment=0.0,
 ):
     """Samples and fixes with errors.
 
@@ -329,13 +338,17 @@ def record(
         Of fixes, m and m/s; no velocity without `sigma_v`.
     latency : float
         Seconds by which fixes are older than their stamps.
+    misalignment : float
+        Of each of the six angles of either triad, 1 sigma, rad; `errors` has none.
     """
     random = np.random.default_rng([seed, 3])
+    axes = misalignment * np.random.default_rng([seed, 5]).standard_normal((2, 3, 3))
+    axes[:, np.eye(3, dtype=bool)] = 0.0
     n, step = len(truth.seconds), 1.0 / RATE
     state = gauss_markov(random, n, step, errors)
     white = random.standard_normal((2, n, 3)) * np.sqrt(step)
-    gyro = truth.gyro * (1.0 + state[:, 6:9]) + state[:, :3] * step
-    accel = truth.accel * (1.0 + state[:, 9:]) + state[:, 3:6] * step
+    gyro = truth.gyro * (1.0 + state[:, 6:9]) + truth.gyro @ axes[0].T + state[:, :3] * step
+    accel = truth.accel * (1.0 + state[:, 9:]) + truth.accel @ axes[1].T + state[:, 3:6] * step
     lag = round(latency * RATE)
     at = np.arange(max(round(RATE / gnss_rate), lag), n, round(RATE / gnss_rate))
     k = at - lag
