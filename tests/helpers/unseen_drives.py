@@ -318,16 +318,7 @@ PERFECT = SensorErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, HOUR)
 
 
 def record(
-    truth,
-    errors,
-    seed,
-    *,
-    gnss_rate=1.0,
-    sigma=FIX_SIGMA,
-    sigma_v=None,
-    latency=0.0,
-    lever=LEVER,
-    misalignment=0.0,
+    truth, errors, seed, *, gnss_rate=1.0, sigma=FIX_SIGMA, sigma_v=None, latency=0.0, lever=LEVER
 ):
     """Samples and fixes with errors.
 
@@ -338,11 +329,9 @@ def record(
         Of fixes, m and m/s; no velocity without `sigma_v`.
     latency : float
         Seconds by which fixes are older than their stamps.
-    misalignment : float
-        Of each of the six angles of either triad, 1 sigma, rad; `errors` has none.
     """
     random = np.random.default_rng([seed, 3])
-    axes = misalignment * np.random.default_rng([seed, 5]).standard_normal((2, 3, 3))
+    axes = errors.misalignment * np.random.default_rng([seed, 5]).standard_normal((2, 3, 3))
     axes[:, np.eye(3, dtype=bool)] = 0.0
     n, step = len(truth.seconds), 1.0 / RATE
     state = gauss_markov(random, n, step, errors)
