@@ -54,10 +54,10 @@ from tests.helpers.unseen_drives import (
 OUTAGE, PERIOD, FIRST_OUTAGE = 60.0, 150.0, 300.0
 STEP_NS = 100_000_000  # of instants that are scored
 # The program's grade that is nearest, for what no option sets
-NEAREST = {"tactical": "tactical", "industrial": "industrial"}
-# Of data sheets, rad: tactical 20 to 100 arcsec (LN-200, HG1700), industrial 0.01 to 0.05 deg
-# (Epson M-G370, ADIS16495); what the program takes them for
-MISALIGNMENT = {"tactical": 2e-4, "industrial": 2e-4}
+NEAREST = {"tactical": "navigation", "industrial": "industrial"}
+# Of data sheets, rad: 10 arcsec of fibre gyros like these `tactical` ones; industrial 0.01 to
+# 0.05 deg (Epson M-G370, ADIS16495)
+MISALIGNMENT = {"tactical": 5e-5, "industrial": 2e-4}
 Spans = Sequence[tuple[float, float]]
 # From world and body axes of a log (ENU, FLU) to NED and FRD
 WORLD = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])

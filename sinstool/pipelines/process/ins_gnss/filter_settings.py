@@ -31,7 +31,6 @@ NOISIER = 3.0
 # noise lie a factor of ten and more apart.
 OPEN_BIAS = 3.0
 OPEN = ("gyro_bias", "gyro_instability", "accel_bias", "accel_instability")
-AS_BELOW = ("gyro_scale", "accel_scale", "gyro_misalignment")
 # Slow error of a barometer, m, and its correlation time: weather, temperature, a cabin.
 AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
 
@@ -76,8 +75,8 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     """Errors of the sensors: of a grade, with no less white noise than the log shows.
 
     That is what a rest shows, or motion, where that is less, but for a MEMS grade. Noise tells a
-    navigation grade from others, but leaves its biases open, and scale factors and misalignments
-    are then no better than those of the grade below.
+    navigation grade from others, but leaves its biases open, and scale factors are then no better
+    than those of the grade below.
     """
     noise, walks = imu_noise(config, grade.grade, has_scales(config)), random_walks(source)
     options, file = config.in_flight, config.navigation.imu_noise
@@ -98,7 +97,7 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
             noise = replace(noise, angle_random_walk=max(noise.angle_random_walk, walks[0]))
         judged, below = IMU_GRADES[grade.grade], IMU_GRADES["tactical"]
         changes = {name: OPEN_BIAS * getattr(judged, name) for name in OPEN}
-        changes |= {name: getattr(below, name) for name in AS_BELOW}
+        changes |= {name: getattr(below, name) for name in ("gyro_scale", "accel_scale")}
         # What options say stays
         same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
         noise = replace(noise, **{name: changes[name] for name in same})
