@@ -7,7 +7,7 @@ are the largest horizontal errors of the outages (root mean square and median), 
 of errors of attitude and position over all of the drive, which belong near 1, and the
 mount's errors over their sigmas. Attitude is that of the case, and beside it that of the axes in
 which gyros that are misaligned feel turns: how these lie in the case, no log of a level vehicle
-tells. The mount is that of the latter.
+tells.
 
 python benchmarks/land_vehicle_drives.py --seeds 20
 python benchmarks/land_vehicle_drives.py --grade mems --seeds 4 --smooth
@@ -41,7 +41,7 @@ from mcap.reader import make_reader
 from benchmarks.common import best, over_seeds, parser, print_table
 from sinstool.cli.main import cli
 from sinstool.core.earth import horizontal_metres
-from sinstool.core.rotation import conjugate, exp, from_euler, log, multiply, rotate
+from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate
 from sinstool.io.readers import open_log
 from sinstool.methods.ins_gnss.constraints import STEP_NS, Constraints, LandVehicle
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -216,8 +216,7 @@ def scored(path: Path, chosen: dict[str, Any], solution: Any, mount: np.ndarray)
     land = chosen["filter"]["vehicle"]["land"]
     if land is not None:
         found = from_euler(np.deg2rad(land["mount_deg"]))
-        there = multiply(from_euler(mount), exp(-turned))
-        off = log(multiply(there, conjugate(found)))
+        off = log(multiply(from_euler(mount), conjugate(found)))
         score.mount += (off[1:] / np.deg2rad(land["mount_sigma_deg"])).tolist()
     score.told += [f["kind"] for f in chosen["findings"]]
     return score
