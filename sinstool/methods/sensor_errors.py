@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -95,23 +95,51 @@ class SensorGrade:
             raise ConfigurationError("noise of the IMU: bias_time_s is 0 s", "it must be positive")
 
 
-def data_sheet(
-    random_walk_deg_sqrt_h: float, bias_deg_h: float, noise_ug_sqrt_hz: float, accel_bias_mg: float
-) -> SensorGrade:
-    """Errors in the units of data sheets, without scale factors and wandering biases."""
-    return SensorGrade(
-        gyro_bias=bias_deg_h * units.DEGREE / 3600.0,
-        accel_bias=accel_bias_mg * 1e-3 * units.STANDARD_GRAVITY,
-        angle_random_walk=random_walk_deg_sqrt_h * units.DEGREE / 60.0,
-        velocity_random_walk=noise_ug_sqrt_hz * 1e-6 * units.STANDARD_GRAVITY,
-    )
+Part = Literal["scale", "misalignment", "drift"]
+_PARTS: dict[Part, tuple[str, ...]] = {
+    "scale": ("gyro_scale", "accel_scale"),
+    "misalignment": ("gyro_misalignment", "accel_misalignment"),
+    "drift": ("gyro_instability", "accel_instability"),
+}
 
 
+def without(grade: SensorGrade, *parts: Part) -> SensorGrade:
+    """A grade without scale factors, misalignments, or the part of its biases that wanders."""
+    return replace(grade, **{name: 0.0 for part in parts for name in _PARTS[part]})
+
+
+# Of field: its unit, and in that the value of each grade
+_Table = dict[str, tuple[float, tuple[float, ...]]]
+
+
+def _grades(names: tuple[str, ...], table: _Table) -> dict[str, SensorGrade]:
+    return {
+        grade: SensorGrade(**{name: unit * values[k] for name, (unit, values) in table.items()})
+        for k, grade in enumerate(names)
+    }
+
+
+# Calibrated sensors, one sigma. Navigation: ring laser gyros (HG9900, LN-100; the aviation grade of
+# Groves, 2013, has 8 ppm and 100 urad). Tactical: between LN-200 (100 ppm and 100 urad of gyros,
+# 300 ppm of accelerometers; its biases wander by 0.35 deg/h and 50 ug within a minute or two),
+# HG1700 (150 ppm, 500 urad) and Groves' tactical grade (350 ppm, 250 urad). MEMS: modules that are
+# calibrated one by one (ADIS16488, VN-100, MTi): 0.1 %, 0.05 deg, 5 deg/h.
+_SIMULATED: _Table = {
+    "angle_random_walk": (units.DEGREE_PER_ROOT_HOUR, (0.002, 0.05, 0.3)),
+    "velocity_random_walk": (units.MICRO_G, (5.0, 50.0, 150.0)),  # per root Hz
+    "gyro_bias": (units.DEGREE_PER_HOUR, (0.01, 1.0, 5.0)),
+    "accel_bias": (units.MILLI_G, (0.03, 1.0, 2.0)),
+    "gyro_instability": (units.DEGREE_PER_HOUR, (0.002, 0.3, 5.0)),
+    "accel_instability": (units.MILLI_G, (0.005, 0.05, 0.05)),
+    "bias_time_s": (1.0, (1000.0, 100.0, 300.0)),
+    "gyro_scale": (1e-6, (10.0, 200.0, 1000.0)),
+    "accel_scale": (1e-6, (100.0, 300.0, 1000.0)),
+    "gyro_misalignment": (1e-6, (50.0, 200.0, 1000.0)),
+    "accel_misalignment": (1e-6, (50.0, 200.0, 1000.0)),
+}
 SIMULATED_GRADES = {
     "perfect": SensorGrade(),
-    "navigation": data_sheet(0.002, 0.01, 5.0, 0.03),
-    "tactical": data_sheet(0.05, 1.0, 50.0, 1.0),
-    "mems": data_sheet(0.3, 5.0, 150.0, 2.0),
+    **_grades(("navigation", "tactical", "mems"), _SIMULATED),
 }
 """What simulated sensors have, by grade."""
 
@@ -123,8 +151,7 @@ SIMULATED_GRADES = {
 # Scale factors and cross-axis sensitivity of their gyros are 0.5 to 2 % on data sheets. Gyro biases
 # of such sensors were seen to move by 100 deg/h from one stop of a car to one minutes later.
 _GRADES = ("mems", "industrial", "tactical", "navigation")
-_ASSUMED: dict[str, tuple[float, tuple[float, ...]]] = {
-    # field: its unit, and in that the value of each grade
+_ASSUMED: _Table = {
     "angle_random_walk": (units.DEGREE_PER_ROOT_HOUR, (3.0, 0.2, 0.05, 0.002)),
     "velocity_random_walk": (units.MICRO_G, (3000.0, 300.0, 50.0, 10.0)),  # per root Hz
     "gyro_bias": (units.DEGREE_PER_HOUR, (50.0, 30.0, 1.0, 0.01)),
@@ -135,12 +162,9 @@ _ASSUMED: dict[str, tuple[float, tuple[float, ...]]] = {
     "bias_time_s": (1.0, (100.0, 2000.0, 300.0, 1000.0)),
     "accel_scale": (1.0, (3e-3, 1e-3, 3e-4, 2e-4)),
     "gyro_scale": (1.0, (5e-3, 1e-3, 3e-4, 2e-4)),
-    "gyro_misalignment": (1.0, (2e-3, 2e-4, 0.0, 0.0)),
+    "gyro_misalignment": (1.0, (2e-3, 2e-4, 2e-4, 5e-5)),
 }
-IMU_GRADES = {
-    grade: SensorGrade(**{name: unit * values[k] for name, (unit, values) in _ASSUMED.items()})
-    for k, grade in enumerate(_GRADES)
-}
+IMU_GRADES = _grades(_GRADES, _ASSUMED)
 """What a filter assumes, by grade of IMU."""
 
 

@@ -20,6 +20,7 @@ from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import QOS
 from sinstool.simulation.car import AxleMotion
 from sinstool.simulation.gnss import GnssSamples
+from sinstool.simulation.sensors import ImuErrors
 from sinstool.simulation.truth import ImuTruth, Trajectory
 
 IMU_TOPIC = "/imu/data_raw"
@@ -247,6 +248,21 @@ def truth_topics(
             )
         )
     return topics
+
+
+def bias_topic(errors: ImuErrors, axes: Axes) -> SimulatedTopic:
+    """``/truth/bias``: biases of the sensors once a second, as an Imu that reads nothing else."""
+    step = np.searchsorted(
+        errors.time_ns, np.arange(errors.time_ns[0], errors.time_ns[-1] + 1, 1_000_000_000)
+    )
+    gyro, accel = axes.turn(errors.gyro_bias[step]), axes.turn(errors.accel_bias[step])
+
+    def columns(rows: slice) -> Columns:
+        return raw_imu_columns(gyro[rows], accel[rows])
+
+    frame = {"header.frame_id": axes.body}
+    kind = "sensor_msgs/msg/Imu"
+    return SimulatedTopic("/truth/bias", kind, errors.time_ns[step], columns, frame)
 
 
 def vehicle_topic(axle: AxleMotion, axes: Axes) -> SimulatedTopic:

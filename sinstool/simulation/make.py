@@ -15,7 +15,7 @@ from sinstool.core.rotation import from_euler
 from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import check_mcap_name, check_output, commit_together, write_whole
 from sinstool.methods.height.pressure import geopotential, height_per_pascal, pressure_at
-from sinstool.methods.sensor_errors import SIMULATED_GRADES
+from sinstool.methods.sensor_errors import SIMULATED_GRADES, Part, SensorGrade, without
 from sinstool.simulation import drive, flight, launch, motions, scenarios
 from sinstool.simulation.car import Car, axle_motion
 from sinstool.simulation.coning import classical_coning
@@ -26,6 +26,7 @@ from sinstool.simulation.log import (
     Axes,
     SimulatedTopic,
     baro_topic,
+    bias_topic,
     gnss_topics,
     imu_topic,
     resting_fixes,
@@ -34,7 +35,14 @@ from sinstool.simulation.log import (
     write_simulated,
 )
 from sinstool.simulation.rig_log import lambda2_arcsec, rig_log, rig_table, rig_topics
-from sinstool.simulation.sensors import barometer, idling, launch_grade, saturated, with_errors
+from sinstool.simulation.sensors import (
+    ImuErrors,
+    barometer,
+    idling,
+    launch_grade,
+    measured,
+    saturated,
+)
 from sinstool.simulation.truth import ImuTruth, Trajectory, after_rest, sample_times, static
 from sinstool.simulation.wheels import WheelSensor, wheel_readings, wheel_topic
 
@@ -52,6 +60,8 @@ class Simulated:
     ----------
     truth, sensor : ImuTruth or None
         Exact, and as measured; None for a turntable.
+    errors : ImuErrors or None
+        Of the sensor, without its noise.
     trajectory : Trajectory or None
         Of a vehicle.
     rig : HseRigLog or None
@@ -62,6 +72,7 @@ class Simulated:
     topics: list[SimulatedTopic]
     truth: ImuTruth | None = None
     sensor: ImuTruth | None = None
+    errors: ImuErrors | None = None
     trajectory: Trajectory | None = None
     rig: HseRigLog | None = None
     settings: dict[str, str] = field(init=False)
@@ -74,9 +85,22 @@ class Simulated:
             if value not in (None, ()) and getattr(plain, name, None) != value:
                 text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
                 settings[name] = text
+        if self.errors is not None and self.scenario.truth:
+            assert isinstance(self.scenario, scenarios.MotionScenario)
+            settings |= _error_matrices(self.errors, Axes(self.scenario.body_axes))
         if self.rig is not None:
             settings["lambda2_arcsec"] = repr(lambda2_arcsec(self.rig))
         object.__setattr__(self, "settings", settings)
+
+
+def _error_matrices(errors: ImuErrors, axes: Axes) -> dict[str, str]:
+    """Scale errors and misalignments of sensors that have any, row by row in the log's axes."""
+    turn = axes.turn(np.eye(3))
+    return {
+        f"{sensor}_matrix_ppm": ",".join(f"{x:.6g}" for x in (1e6 * turn.T @ m @ turn).flat)
+        for sensor, m in (("gyro", errors.gyro_matrix), ("accel", errors.accel_matrix))
+        if np.any(m)
+    }
 
 
 def name_of(scenario: scenarios.Scenario) -> str:
@@ -171,13 +195,26 @@ def simulate_one(scenario: scenarios.Scenario, files: LogFiles, _: Any = None) -
 
 def _motion(scenario: scenarios.MotionScenario) -> Simulated:
     """Rotation about a point, or rest."""
-    truth, measured = _truth(scenario)
-    sensor = with_errors(measured, SIMULATED_GRADES[scenario.grade], scenario.seed)
-    topics = _imu_topics(scenario, truth, sensor)
+    truth, perfect = _truth(scenario)
+    sensor, errors = measured(perfect, _grade(scenario), scenario.seed)
+    topics = _imu_topics(scenario, truth, sensor, errors)
     if isinstance(scenario, scenarios.Static):
         latitude, longitude = np.radians([scenario.latitude, scenario.longitude]).tolist()
         topics.append(resting_fixes(truth.time_ns, (latitude, longitude, scenario.height)))
-    return Simulated(scenario, topics, truth, sensor)
+    return Simulated(scenario, topics, truth, sensor, errors)
+
+
+def _grade(scenario: scenarios.MotionScenario) -> SensorGrade:
+    """Of the sensors, with those of its errors that are asked for."""
+    grade = SIMULATED_GRADES[scenario.grade]
+    if isinstance(scenario, scenarios.Launch) and scenario.launch_grade is not None:
+        grade = launch_grade(scenario.launch_grade, scenario.accel_unit_reading)
+    parts: dict[Part, bool] = {
+        "scale": scenario.scale_errors,
+        "misalignment": scenario.misalignment,
+        "drift": scenario.bias_drift,
+    }
+    return without(grade, *(part for part, on in parts.items() if not on))
 
 
 def _truth(s: scenarios.MotionScenario) -> tuple[ImuTruth, ImuTruth]:
@@ -229,26 +266,21 @@ def _coning(s: scenarios.Coning) -> ImuTruth:
 def _vehicle(scenario: scenarios.Vehicle) -> Simulated:
     """A motion over the Earth, with a receiver and a barometer."""
     trajectory = _trajectory(scenario)
-    grade = SIMULATED_GRADES[scenario.grade]
-    limit = None
-    if isinstance(scenario, scenarios.Launch):
-        limit = scenario.gyro_range
-        if scenario.launch_grade is not None:
-            grade = launch_grade(scenario.launch_grade, scenario.accel_unit_reading)
-    sensor = with_errors(trajectory.imu, grade, scenario.seed)
+    limit = scenario.gyro_range if isinstance(scenario, scenarios.Launch) else None
+    sensor, errors = measured(trajectory.imu, _grade(scenario), scenario.seed)
     if isinstance(scenario, scenarios.Drive) and any(scenario.idle):
         standing = np.linalg.norm(trajectory.velocity_n, axis=1) == 0.0
         sensor = idling(sensor, standing, *scenario.idle, scenario.seed + IDLE_SEED)
     if limit is not None:
         sensor = saturated(sensor, limit * DEGREE)
-    topics = _imu_topics(scenario, trajectory.imu, sensor, trajectory)
+    topics = _imu_topics(scenario, trajectory.imu, sensor, errors, trajectory)
     if scenario.gnss_rate > 0.0:
         topics += _gnss(scenario, trajectory)
     if scenario.baro_rate > 0.0:
         topics.append(_baro(scenario, trajectory))
     if isinstance(scenario, scenarios.Drive):
         topics += _car_topics(scenario, trajectory)
-    return Simulated(scenario, topics, trajectory.imu, sensor, trajectory)
+    return Simulated(scenario, topics, trajectory.imu, sensor, errors, trajectory)
 
 
 def _trajectory(s: scenarios.Vehicle) -> Trajectory:
@@ -320,10 +352,13 @@ def _imu_topics(
     scenario: scenarios.MotionScenario,
     truth: ImuTruth,
     sensor: ImuTruth,
+    errors: ImuErrors,
     trajectory: Trajectory | None = None,
 ) -> list[SimulatedTopic]:
     axes = Axes(scenario.body_axes)
     exact = truth_topics(truth, axes, trajectory) if scenario.truth else []
+    if scenario.truth and np.any(errors.gyro_bias):
+        exact.append(bias_topic(errors, axes))
     return [imu_topic(sensor, scenario.gyro_kind, axes), *exact]
 
 

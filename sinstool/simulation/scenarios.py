@@ -14,6 +14,10 @@ MAX_RATE_HZ = 1e6
 MAX_DURATION_S = 1e6
 LARGEST_LEAN = 0.5
 SHORTEST_FERRY_S = 30.0
+# What the sensors of a grade have beside noise and constant biases
+SCALE = "the scale factors of their grade"
+MISALIGNMENT = "axes that are off by the misalignments of their grade"
+DRIFT = "biases that wander as those of their grade"
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -43,8 +47,17 @@ class Scenario(Group):
     truth: bool = option(True, "write the truth to /truth/... (default: yes)")
 
 
+def _part(on: bool, what: str) -> Any:
+    return option(on, f"give the sensors {what} (default: {'yes' if on else 'no'})")
+
+
 class MotionScenario(Scenario):
-    """A log of an Imu that moves or rests."""
+    """A log of an Imu that moves or rests.
+
+    Sensors of a grade have white noise and constant biases. The other errors of its data sheet
+    are those of a vehicle's sensors, unless switched off. A motion about a point is there to show
+    one error, that of an algorithm, which scale factors would cover: they have to be asked for.
+    """
 
     duration: float = _duration(60.0)
     gyro_kind: Literal["rate", "mean-rate", "increment"] = option(
@@ -56,6 +69,9 @@ class MotionScenario(Scenario):
     grade: Literal["perfect", "navigation", "tactical", "mems"] = option(
         "perfect", "grade of the sensors, which sets their errors"
     )
+    scale_errors: bool = _part(False, SCALE)
+    misalignment: bool = _part(False, MISALIGNMENT)
+    bias_drift: bool = _part(False, DRIFT)
 
     def check(self) -> None:
         """There is an interval between samples."""
@@ -157,6 +173,9 @@ def _per_second(rate: float, what: str) -> Any:
 class Vehicle(MotionScenario):
     """A vehicle over the Earth, with a receiver and a barometer."""
 
+    scale_errors: bool = _part(True, SCALE)
+    misalignment: bool = _part(True, MISALIGNMENT)
+    bias_drift: bool = _part(True, DRIFT)
     latitude: float = _latitude(34.25)
     longitude: float = _longitude(108.9)
     height: float = option(400.0, "height above the ellipsoid in m", "M")

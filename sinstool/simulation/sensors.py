@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.parts import njit
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.sensor_errors import SensorGrade
@@ -21,37 +21,65 @@ _GRADES = {
 }
 
 
+@dataclass(frozen=True)
+class ImuErrors:
+    """What a simulated sensor was given beside white noise.
+
+    Attributes
+    ----------
+    time_ns : ndarray of int64, shape (n,)
+    gyro_bias, accel_bias : ndarray, shape (n, 3)
+        Of each sample, with the part that wanders, rad/s and m/s^2, FRD.
+    gyro_matrix, accel_matrix : ndarray, shape (3, 3)
+        Scale errors on the diagonal, misalignments beside it; times the truth, the error.
+    """
+
+    time_ns: IntArray
+    gyro_bias: FloatArray
+    accel_bias: FloatArray
+    gyro_matrix: FloatArray
+    accel_matrix: FloatArray
+
+
 def with_errors(truth: ImuTruth, grade: SensorGrade, seed: int) -> ImuTruth:
+    """Samples as a sensor of a grade would give them; see `measured`."""
+    return measured(truth, grade, seed)[0]
+
+
+def measured(truth: ImuTruth, grade: SensorGrade, seed: int) -> tuple[ImuTruth, ImuErrors]:
     """Samples as a sensor of a grade would give them; the attitude stays the truth.
 
     Parameters
     ----------
     seed : int
-        Of the random numbers: the same seed gives the same errors.
+        Of the random numbers: the same seed gives the same errors. Biases and white noise do not
+        change with the sizes of the other errors.
 
     Returns
     -------
-    ImuTruth
+    samples : ImuTruth
         Rates, mean rates and increments carry the same noise, that of a mean over the
         interval: random walk over the square root of the interval. Scale and misalignment
         act on each of them by itself.
+    errors : ImuErrors
     """
     random = np.random.default_rng(seed)
     n = len(truth.time_ns)
     root = np.sqrt(truth.interval)[:, None]
-    gyro_bias = grade.gyro_bias * random.standard_normal(3)
-    accel_bias = grade.accel_bias * random.standard_normal(3)
-    gyro = gyro_bias + grade.angle_random_walk / root * random.standard_normal((n, 3))
-    accel = accel_bias + grade.velocity_random_walk / root * random.standard_normal((n, 3))
+    gyro_bias = np.tile(grade.gyro_bias * random.standard_normal(3), (n, 1))
+    accel_bias = np.tile(grade.accel_bias * random.standard_normal(3), (n, 1))
+    gyro = grade.angle_random_walk / root * random.standard_normal((n, 3))
+    accel = grade.velocity_random_walk / root * random.standard_normal((n, 3))
     gyro_matrix = _matrix(grade.gyro_scale, grade.gyro_misalignment, random)
     accel_matrix = _matrix(grade.accel_scale, grade.accel_misalignment, random)
     step = float(np.mean(truth.interval))
-    for error, size in ((gyro, grade.gyro_instability), (accel, grade.accel_instability)):
+    for bias, size in ((gyro_bias, grade.gyro_instability), (accel_bias, grade.accel_instability)):
         if size > 0.0:
-            error += size * markov(n, step, grade.bias_time_s, random, 3)
+            bias += size * markov(n, step, grade.bias_time_s, random, 3)
+    gyro, accel = gyro + gyro_bias, accel + accel_bias
     mean_rate = truth.gyro_mean_rate + truth.gyro_mean_rate @ gyro_matrix.T + gyro
     force = truth.mean_specific_force + truth.mean_specific_force @ accel_matrix.T + accel
-    return replace(
+    samples = replace(
         truth,
         gyro_rate=truth.gyro_rate + truth.gyro_rate @ gyro_matrix.T + gyro,
         gyro_mean_rate=mean_rate,
@@ -59,6 +87,7 @@ def with_errors(truth: ImuTruth, grade: SensorGrade, seed: int) -> ImuTruth:
         specific_force=truth.specific_force + truth.specific_force @ accel_matrix.T + accel,
         mean_specific_force=force,
     )
+    return samples, ImuErrors(truth.time_ns, gyro_bias, accel_bias, gyro_matrix, accel_matrix)
 
 
 def _matrix(scale: float, misalignment: float, random: np.random.Generator) -> FloatArray:

@@ -52,6 +52,10 @@ def test_a_solution_in_memory_is_the_one_that_is_written(tmp_path, command, driv
     output, written = own.pop("output"), printed.pop("output")
     assert output.pop("origin") == written["origin"]
     assert output == {"path": None, "topics": [], "attitudes": 9001, "frame": "map"}
+    # sums over other parts of the log
+    for name in ("distance_m", "mean_speed_m_s"):
+        mine = own["travel"].pop(name)
+        assert mine == pytest.approx(printed["travel"].pop(name), rel=1e-12)
     assert own == printed
 
 

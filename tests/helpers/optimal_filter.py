@@ -67,6 +67,9 @@ class SensorErrors:
         Standard deviations of an axis, rad/s, m/s^2, 1, 1.
     time : float
         Their correlation time, s.
+    misalignment : float
+        Of each of the six angles of either triad, rad. The filter has no states for them: noise of
+        attitude across the axis of each turn, which is theirs in a turn by a right angle.
     """
 
     angle_random_walk: float
@@ -76,6 +79,7 @@ class SensorErrors:
     gyro_scale: float
     accel_scale: float
     time: float
+    misalignment: float = 0.0
 
     @property
     def markov(self):
@@ -336,11 +340,13 @@ def transition(place, v, integrals, tau, errors):
     return phi
 
 
-def process_noise(tau, errors):
-    """Variances that a time adds; [1]_ section 14.2.6."""
+def process_noise(tau, errors, turned_n):
+    """Variances that a time adds, with a turn in n; [1]_ section 14.2.6."""
     q = np.zeros(SIZE)
     q[V] = errors.velocity_random_walk**2 * tau
-    q[PSI] = errors.angle_random_walk**2 * tau
+    size = max(np.linalg.norm(turned_n), 1e-12)
+    across = 0.5 * np.pi * (size - turned_n**2 / size)
+    q[PSI] = errors.angle_random_walk**2 * tau + errors.misalignment**2 * across
     q[9:] = errors.markov**2 * -np.expm1(-2.0 * tau / errors.time)
     return q
 
@@ -411,13 +417,13 @@ def navigate(seconds, gyro, accel, fixes, start, errors, lever, interval=INTERVA
             tau = float(dt[part].sum())
             if dt[node] > LONGEST:
                 integrals = across_gap(place, v, c, sensors, tau)
-                noise = process_noise(tau, errors) + gap_noise(tau)
+                noise = process_noise(tau, errors, np.zeros(3)) + gap_noise(tau)
                 earlier[:] = 0.0
             else:
                 integrals = mechanise(
                     place, v, c, sensors, earlier, dt[part], gyro[part], accel[part]
                 )
-                noise = process_noise(tau, errors)
+                noise = process_noise(tau, errors, integrals[3].sum(axis=1))
             sensors *= np.exp(-tau / errors.time)
             phi = transition(place, v, integrals, tau, errors)
             p = predicted(p, phi, noise)

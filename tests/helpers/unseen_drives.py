@@ -331,11 +331,13 @@ def record(
         Seconds by which fixes are older than their stamps.
     """
     random = np.random.default_rng([seed, 3])
+    axes = errors.misalignment * np.random.default_rng([seed, 5]).standard_normal((2, 3, 3))
+    axes[:, np.eye(3, dtype=bool)] = 0.0
     n, step = len(truth.seconds), 1.0 / RATE
     state = gauss_markov(random, n, step, errors)
     white = random.standard_normal((2, n, 3)) * np.sqrt(step)
-    gyro = truth.gyro * (1.0 + state[:, 6:9]) + state[:, :3] * step
-    accel = truth.accel * (1.0 + state[:, 9:]) + state[:, 3:6] * step
+    gyro = truth.gyro * (1.0 + state[:, 6:9]) + truth.gyro @ axes[0].T + state[:, :3] * step
+    accel = truth.accel * (1.0 + state[:, 9:]) + truth.accel @ axes[1].T + state[:, 3:6] * step
     lag = round(latency * RATE)
     at = np.arange(max(round(RATE / gnss_rate), lag), n, round(RATE / gnss_rate))
     k = at - lag

@@ -13,7 +13,7 @@ import numpy as np
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import take_rows
-from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
+from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade, without
 
 Status = Literal["ok", "degraded", "level-only", "unobservable", "failed"]
 
@@ -134,7 +134,11 @@ def _forward(time_ns: IntArray, what: str) -> None:
         )
 
 
-TACTICAL = replace(SIMULATED_GRADES["tactical"], gyro_scale=1e-4, accel_scale=1e-4)
+TACTICAL = replace(
+    without(SIMULATED_GRADES["tactical"], "misalignment", "drift"),
+    gyro_scale=1e-4,
+    accel_scale=1e-4,
+)
 """Sensors of a gliding vehicle."""
 
 

@@ -67,12 +67,11 @@ def carried_back(
         total(c_nb * dt[:, None, None]),
         total(c_nb * turned[:, None, :]),
         total(c_nb * gained[:, None, :]),
-        total(np.linalg.norm(turned, axis=1)),
         strict=True,
     )
     seconds, covariances = [0.0], [p[:9, :9]]
     densities = _noise(imu)
-    for length, force, turn, turn_scale, force_scale, angle in reversed(list(steps)):
+    for length, force, turn, turn_scale, force_scale in reversed(list(steps)):
         f = np.eye(SIZE)
         f[P, V] = length * np.eye(3)
         f[V, A], f[V, BA], f[V, SA] = skew(force), turn, force_scale
@@ -82,10 +81,14 @@ def carried_back(
             (0.5 * length * force_scale),
         )
         f[A, BG], f[A, SG] = turn, turn_scale
-        noise = densities * length
-        noise[A] += imu.gyro_misalignment**2 * TURN * angle
+        noise = np.diag(densities * length)
+        # Axes that are misaligned tilt what is turned across the axis of the turn
+        turned_n = turn_scale.sum(axis=1)
+        angle = max(float(np.linalg.norm(turned_n)), 1e-12)
+        across = angle * np.eye(3) - np.outer(turned_n, turned_n) / angle
+        noise[A, A] += imu.gyro_misalignment**2 * TURN * across
         back = np.linalg.inv(f)
-        p = back @ (p + np.diag(noise)) @ back.T
+        p = back @ (p + noise) @ back.T
         seconds.append(seconds[-1] + float(length))
         covariances.append(p[:9, :9])
     return np.array(seconds), np.array(covariances)

@@ -92,10 +92,8 @@ def close_substep(m: Memory, model: Model) -> None:
             propagate_product(model.where, m.phi, m.decay, m.product, m.half)
         if counted:
             _white_of_many(m, model)
-        if model.turn_variance > 0.0:
-            turned = sqrt(m.turn[0] ** 2 + m.turn[1] ** 2 + m.turn[2] ** 2)
-            for i in range(3):
-                m.p[states.ATTITUDE + i, states.ATTITUDE + i] += model.turn_variance * turned
+        if model.across_variance + model.turn_variance > 0.0:
+            _uncertain_by_turning(m, model)
         if m.shaken > 0.0:
             # An engine that idles, seen by samples that do not resolve it
             for i in range(3):
@@ -115,6 +113,28 @@ def close_substep(m: Memory, model: Model) -> None:
                     model.gap_rate**2 * GAP_TIME * delta
                 )
     begin_substep(m)
+
+
+@part()
+def _uncertain_by_turning(m: Memory, model: Model) -> None:
+    """Attitude is less certain after a turn: across its axis where axes of gyros are misaligned.
+
+    About its axis a turn is wrong by scale factors only, so that the heading of a car stays.
+    """
+    t = m.mean_cw
+    turn = (
+        t[0, 0] + t[0, 1] + t[0, 2],
+        t[1, 0] + t[1, 1] + t[1, 2],
+        t[2, 0] + t[2, 1] + t[2, 2],
+    )
+    size = sqrt(turn[0] ** 2 + turn[1] ** 2 + turn[2] ** 2)
+    if size > 0.0:
+        for i in range(3):
+            k = states.ATTITUDE + i
+            m.p[k, k] += (model.across_variance + model.turn_variance) * size
+            for j in range(3):
+                along = turn[i] * turn[j] / size
+                m.p[k, states.ATTITUDE + j] -= model.across_variance * along
 
 
 @part()
@@ -140,7 +160,6 @@ def begin_substep(m: Memory) -> None:
         m.from_velocity[i] = m.nav[V_NORTH + i]
         m.gains[i] = 0.0
         m.inputs[i] = 0.0
-        m.turn[i] = 0.0
         for j in range(3):
             m.mean_c[i, j] = 0.0
             m.mean_cf[i, j] = 0.0

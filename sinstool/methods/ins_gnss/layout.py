@@ -108,7 +108,6 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("gains", (3,)),  # sums of the network's gains within the substep
     ("gain_count",),  # how many
     ("inputs", (3,)),  # sums of gain times K4 v_up
-    ("turn", (3,)),  # rotation within the substep, body axes
     ("rate", (3,)),  # angular rate and specific force of the latest update
     ("force", (3,)),
     ("open",),  # 1 while measurements at this instant are being made
@@ -216,7 +215,8 @@ _MODEL: tuple[tuple[Any, ...], ...] = (
     ("gnss_all", (ROWS,)),  # variances without those states
     ("gates", (ROWS + 1,)),  # by number of rows
     ("channel_gate",),  # of the vertical channel at rest, m
-    ("turn_variance",),  # of attitude per angle turned, rad
+    ("turn_variance",),  # of attitude about any axis per angle turned, rad
+    ("across_variance",),  # and across the axis of the turn
     ("escalate",),  # 1: restarts that do not help admit more
 )
 

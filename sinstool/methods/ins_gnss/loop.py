@@ -206,9 +206,6 @@ def run(
             y = nav[Q_W + 2]
             z = nav[Q_W + 3]
             c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
-            m.turn[0] += px
-            m.turn[1] += py
-            m.turn[2] += pz
             mc = m.mean_c
             mf = m.mean_cf
             mw = m.mean_cw

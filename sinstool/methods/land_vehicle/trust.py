@@ -19,7 +19,14 @@ from sinstool.core import earth
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.rotation import exp, to_dcm
 from sinstool.core.units import DEGREE
-from sinstool.methods.ins_gnss.constraints import MOUNT_SIGMA, STEP_NS, LandVehicle
+from sinstool.methods.ins_gnss.constraints import (
+    AXLE_SIGMA,
+    MOUNT_SIGMA,
+    SIDESLIP_SIGMA,
+    SQUAT_SIGMA,
+    STEP_NS,
+    LandVehicle,
+)
 from sinstool.methods.land_vehicle.track import Means, Track, within
 
 # Rows that move: faster than this, m/s, and than such a share of the fastest.
@@ -47,6 +54,8 @@ MOST_OWN = 2.0 * DEGREE
 # Nor do turns that vary by less than this, m/s^2, as a steady circle does: errors of the velocity
 # make as much of them, and nothing of them is felt.
 LEAST_PUSH, PUSH_SIGMAS, MOST_PUSH_SIGMA, LEAST_TURN = 0.5, 2.0, 0.2, 0.05
+# How long a slide lasts, s.
+SLIDE_S = 5.0
 # Span, s, over which what is felt sideways is alike.
 SPAN_S = 10.0
 # How well a mount is known that is given, rad, and by how much the way may deny it.
@@ -133,7 +142,9 @@ def find_trust(
     seen = sigma < OUTAGE * np.median(sigma)
     fastest = np.quantile(speed[seen], 0.95) if seen.any() else 0.0
     moving = seen & (speed > max(SLOW, SHARE_OF_FASTEST * fastest)) & (sigma < 0.5 * speed)
-    moving &= np.isfinite(_at(means, means.force, track)).all(axis=1)
+    rolling = seen & (speed > SLOW) & (sigma < 0.5 * speed)
+    rolling &= np.isfinite(_at(means, means.force, track)).all(axis=1)
+    moving &= rolling
     seconds = np.diff(track.time_ns, append=track.time_ns[-1:]) * 1e-9
     if np.count_nonzero(moving) < LEAST_ROWS or seconds[moving].clip(max=1.5).sum() < LEAST_S:
         return Trust(mounted, False, "the fixes show too little motion to tell", anywhere)
@@ -142,9 +153,10 @@ def find_trust(
         if concentration < LEAST_CONCENTRATION:
             return Trust(None, False, "it moves in many directions of its own body", anywhere)
     rows = _Rows.of(means, track, c_vb)
-    lateral, axle, yaw, far_y = _axis(rows, moving, 1)
-    vertical, _, pitch, far_z = _axis(rows, moving, 2)
-    reason = _doubt(lateral, vertical, axle) or _leans(rows, moving)
+    # Cars turn slowly: what turns show is of slower rows too
+    lateral, axle, yaw, far_y = _axis(rows, moving, rolling, 1)
+    vertical, _, pitch, far_z = _axis(rows, moving, rolling, 2)
+    reason = _doubt(lateral, vertical, axle) or _leans(rows, rolling)
     if mounted is None:
         # What goes to the right and down in proportion to the speed is of the mount
         c_vb = to_dcm(exp([0.0, pitch, -yaw])) @ c_vb
@@ -276,24 +288,37 @@ class _Rows:
         )
 
 
-def _axis(rows: _Rows, moving: BoolArray, axis: int) -> tuple[AxisTrust, float, float, BoolArray]:
-    """Trust along an axis, 1 right or 2 down; the lever, m; the angle of the way; far rows."""
-    v = rows.velocity[moving]
-    rate = rows.rate[moving]
+def _axis(
+    rows: _Rows, moving: BoolArray, rolling: BoolArray, axis: int
+) -> tuple[AxisTrust, float, float, BoolArray]:
+    """Trust along an axis, 1 right or 2 down; the lever, m; the angle of the way; far rows.
+
+    The residuals are those of the moving rows, the fit is to all that roll. A lever that no turn
+    shows stays what it is in cars, near 0.
+    """
+    v = rows.velocity[rolling]
+    rate = rows.rate[rolling]
     speed = v[:, 0]
     if axis == 1:
-        columns = [speed, rate[:, 2], speed**2 * rate[:, 2]]
+        columns, bend = [speed, rate[:, 2], speed**2 * rate[:, 2]], SIDESLIP_SIGMA
     else:
-        columns = [speed, -rate[:, 1], speed * rows.forward[moving]]
+        columns, bend = [speed, -rate[:, 1], speed * rows.forward[rolling]], SQUAT_SIGMA
     design = np.stack(columns, axis=1)
+    prior = np.diag([0.0, AXLE_SIGMA**-2, bend**-2])
+    fast = moving[rolling]
+    # Rows of one slide say as much as one
+    alike = max(1.0, SLIDE_S / float(np.median(np.diff(rows.time[rolling]))))
     keep = np.ones(len(v), bool)
-    rho, robust = v[:, axis], 0.0
+    rho, robust = v[fast, axis], LEAST_EXCESS
     solution = np.zeros(3)
     for _ in range(ROUNDS):
-        solution = np.linalg.lstsq(design[keep], v[keep, axis], rcond=None)[0]
+        of = design[keep]
+        weight = alike * max(robust, LEAST_EXCESS) ** 2
+        solution = np.linalg.solve(of.T @ of + weight * prior, of.T @ v[keep, axis])
         rho = v[:, axis] - design @ solution
-        robust = 1.4826 * float(np.median(np.abs(rho)))
+        robust = 1.4826 * float(np.median(np.abs(rho[fast])))
         keep = np.abs(rho) < FAR * max(robust, 1e-6)
+    v, speed, rho = v[fast], speed[fast], rho[fast]
     own = rows.own[moving, axis]
     excess = max(LEAST_EXCESS**2, robust**2 - float(np.median(own)) ** 2)
     far = np.abs(rho) > FAR * np.sqrt(own**2 + excess)

@@ -23,6 +23,7 @@ ABOUT = {
     "/imu/data_raw": "sensor data",
     "/truth/imu": "exact attitude, rates and specific force",
     "/truth/odometry": "exact attitude, place on a plane and velocity",
+    "/truth/bias": "exact biases of the sensors",
     "/truth/fix": "exact place on the Earth",
     "/truth/vehicle": "exact attitude of the vehicle, place and velocity of its rear axle",
     FIX_TOPIC: "the receiver's positions",

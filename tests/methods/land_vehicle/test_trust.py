@@ -34,16 +34,22 @@ def a_track(
     mount=MOUNT,
     turns=1.0,
     felt=1.0,
+    corners=False,
 ):
     """A vehicle with turns: its axle moves forward but for a slow slip.
 
-    What turns take is felt sideways by this share, beside a road whose camber changes.
+    What turns take is felt sideways by this share, beside a road whose camber changes. With
+    `corners` it goes straight at 16 m/s, and turns at 4 m/s only.
     """
     random = np.random.default_rng(seed)
     n = round(600 * minutes)
     t = 0.1 * np.arange(n)
     speed = 10.0 + 5.0 * np.sin(0.05 * t)
     rate = turns * 0.25 * np.sin(0.11 * t) * (np.sin(0.013 * t) > 0.0)
+    if corners:
+        at_one = np.clip(2.0 * np.sin(2.0 * np.pi * t / 60.0) - 0.5, 0.0, 1.0)
+        speed = 16.0 - 12.0 * at_one
+        rate = turns * 0.25 * (at_one == 1.0) * np.where(t % 120.0 < 60.0, 1.0, -1.0)
     heading = np.cumsum(rate) * 0.1
     v_v = np.stack([speed, rate * axle + slow(random, n, slip, 3.0), slow(random, n, 0.03, 3.0)], 1)
     q_nv = rotation.from_euler(np.stack([0 * t, 0 * t, heading], axis=1))
@@ -73,6 +79,21 @@ def test_a_car_is_found_with_its_mount_and_its_axle(seed):
     # 0.05 m/s over 3 s: sqrt(2 tau) sigma
     assert 0.08 < trust.vehicle.lateral < 0.25
     assert trust.rolls.mean() > 0.9
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_car_that_turns_slowly_is_found(seed):
+    """A lever of 132 m, or that it turns too little to tell, was the answer."""
+    trust = find_trust(*a_track(seed, corners=True))
+    assert trust.holds, trust.reason
+    assert trust.vehicle.axle == pytest.approx(1.7, abs=0.4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_lever_that_no_turn_shows_is_none(seed):
+    trust = find_trust(*a_track(seed, turns=1e-3))
+    assert not trust.holds and "turns too little" in trust.reason
+    assert abs(trust.vehicle.axle) < 3.0
 
 
 def test_slip_makes_the_constraint_weaker():

@@ -11,7 +11,7 @@ from sinstool.core.streams import Solution
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import Losses, read_columns
 from sinstool.methods.height.pressure import geopotential, pressure_at
-from sinstool.methods.sensor_errors import SIMULATED_GRADES
+from sinstool.methods.sensor_errors import SIMULATED_GRADES, without
 from sinstool.pipelines.process.run import process
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples
@@ -27,6 +27,11 @@ from sinstool.simulation.sensors import with_errors
 from tests.helpers.filter_logs import Capture
 
 AXES = Axes("flu")
+# Of sensors in tests of other things: no scale factors, misalignments and drift
+NOISE_AND_BIASES = {
+    grade: without(errors, "scale", "misalignment", "drift")
+    for grade, errors in SIMULATED_GRADES.items()
+}
 T0 = 1_700_000_000_000_000_000
 # South of the equator, west of the date line, which the flight crosses.
 PLACE = {"latitude": np.radians(-43.5), "longitude": np.radians(179.997), "heading": 1.4}
@@ -57,7 +62,7 @@ class FlightLog:
 
     def write(self, path, kind="mean-rate", grade="perfect", baro=True, imu=None, gnss=True):
         sensor = (
-            with_errors(self.flight.imu, SIMULATED_GRADES[grade], self.seed) if imu is None else imu
+            with_errors(self.flight.imu, NOISE_AND_BIASES[grade], self.seed) if imu is None else imu
         )
         topics = [imu_topic(sensor, kind, AXES), *truth_topics(self.flight.imu, AXES, self.flight)]
         if gnss:
