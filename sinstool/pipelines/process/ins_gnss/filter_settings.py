@@ -81,9 +81,10 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     noise, walks = imu_noise(config, grade.grade, has_scales(config)), random_walks(source)
     options, file = config.in_flight, config.navigation.imu_noise
     if grade.by_drift:
-        # Which says little of the biases at the start
+        # Which says little of the biases at the start, and of how the axes lie in the case
         below = imu_noise(config, next_worse(grade.grade) or grade.grade, has_scales(config))
-        noise = replace(noise, gyro_bias=below.gyro_bias, accel_bias=below.accel_bias)
+        same = {n: getattr(below, n) for n in ("gyro_bias", "accel_bias", "gyro_misalignment")}
+        noise = replace(noise, **same)
         return as_in_motion(source, noise)
     if config.navigation.imu_grade != "auto" or walks is None:
         return noise
