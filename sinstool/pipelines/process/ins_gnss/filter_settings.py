@@ -30,6 +30,7 @@ NOISIER = 3.0
 # Times the biases of a navigation grade that one judged by its noise may have: data sheets of such
 # noise lie a factor of ten and more apart.
 OPEN_BIAS = 3.0
+OPEN_BY_DRIFT = ("gyro_bias", "accel_bias", "gyro_misalignment")
 OPEN = ("gyro_bias", "gyro_instability", "accel_bias", "accel_instability")
 # Slow error of a barometer, m, and its correlation time: weather, temperature, a cabin.
 AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
@@ -83,8 +84,7 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     if grade.by_drift:
         # Which says little of the biases at the start, and of how the axes lie in the case
         below = imu_noise(config, next_worse(grade.grade) or grade.grade, has_scales(config))
-        same = {n: getattr(below, n) for n in ("gyro_bias", "accel_bias", "gyro_misalignment")}
-        noise = replace(noise, **same)
+        noise = replace(noise, **{name: getattr(below, name) for name in OPEN_BY_DRIFT})
         return as_in_motion(source, noise)
     if config.navigation.imu_grade != "auto" or walks is None:
         return noise
