@@ -9,7 +9,13 @@ from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding, exit_status
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
 from sinstool.pipelines.process.ins_gnss.run import FilterRun
-from sinstool.pipelines.process.ins_gnss.trust import MOST_NAMED, doubts, marked, untrusted
+from sinstool.pipelines.process.ins_gnss.trust import (
+    MOST_NAMED,
+    doubts,
+    marked,
+    of_another_clock,
+    untrusted,
+)
 
 SECOND = 10**9
 
@@ -90,6 +96,27 @@ def test_an_uncorrected_navigation_beyond_a_linear_filter_is_not_to_be_trusted()
     (finding,) = untrusted(epochs(), [FilterEvent("far-from-gnss", 70 * SECOND, 12.0)], 1.0, 0)
     assert exit_status([finding]) == 3 and finding.start_ns == 70 * SECOND
     assert "from 70.0 s" in finding.text and "--feedback" in finding.answer
+
+
+@pytest.mark.parametrize(
+    ("status", "observable", "contradicts", "trusted"),
+    [
+        ("found", True, False, True),
+        ("given", True, False, True),
+        ("given", True, True, False),
+        ("not settled", True, False, False),
+        ("not observable", False, False, False),
+    ],
+)
+def test_only_motion_makes_up_for_another_clock(status, observable, contradicts, trusted):
+    shown = SimpleNamespace(observable=observable, latency_contradicts=lambda _: contradicts)
+    settings = SimpleNamespace(gnss_latency=0.0)
+    start = SimpleNamespace(offsets=shown, latency_status=status, settings=settings)
+    clock = Finding("receiver-clock", "two", answer="give it", numbers={"ahead_s": 2.0})
+    findings = of_another_clock([clock], start)
+    assert exit_status(findings) == (0 if trusted else 3)
+    assert trusted or findings[0].answer == "give it"
+    assert not of_another_clock([Finding("other", "else")], start)
 
 
 @pytest.mark.parametrize(("many", "status"), [(30, 0), (50, 3)])
