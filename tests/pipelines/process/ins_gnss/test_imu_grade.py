@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks.trusted_navigation import process
+from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES
-from sinstool.pipelines.process.ins_gnss import first_state
+from sinstool.pipelines.process.ins_gnss import filter_settings, first_state
+from sinstool.survey.grade import ImuGrade
 from tests.helpers.filter_logs import simulated, start_of
 from tests.helpers.unseen_drives import (
     GRADES,
@@ -81,14 +83,22 @@ def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path)
     start = start_of(log, gnss={"gnss_latency": 0.0})
     imu, better = start.settings.imu, IMU_GRADES["industrial"]
     assert start.grade.by_drift and start.grade.grade in ("industrial", "tactical")
-    # Drift does not show how the axes lie in the case
-    worse = {"industrial": "mems", "tactical": "industrial"}[start.grade.grade]
-    assert imu.gyro_misalignment == IMU_GRADES[worse].gyro_misalignment
     assert "by its drift without fixes" in start.grade.why
     # The rest, at which it shakes, bounds no noise, but motion does; of biases drift says little
     truth = SIMULATED_GRADES["mems"]
     assert 0.3 < imu.angle_random_walk / truth.angle_random_walk < 1.3
     assert imu.gyro_scale <= better.gyro_scale and imu.accel_bias >= better.accel_bias
+
+
+@pytest.mark.parametrize(("grade", "worse"), [("industrial", "mems"), ("navigation", "tactical")])
+def test_a_drift_does_not_show_biases_nor_how_axes_lie_in_the_case(monkeypatch, grade, worse):
+    for name in ("random_walks", "walks_in_motion"):
+        monkeypatch.setattr(filter_settings, name, lambda _: None)
+    imu = filter_settings._imu(None, ProcessConfig(), ImuGrade(grade, "by its drift", True))
+    for name in ("gyro_bias", "accel_bias", "gyro_misalignment"):
+        assert getattr(imu, name) == getattr(IMU_GRADES[worse], name)
+        assert getattr(imu, name) > getattr(IMU_GRADES[grade], name)
+    assert imu.gyro_scale == IMU_GRADES[grade].gyro_scale
 
 
 def test_a_configured_grade_that_the_drift_denies_is_not_believed_in_silence(tmp_path):
