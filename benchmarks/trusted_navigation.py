@@ -136,6 +136,11 @@ def optimal(data: Record, grade: str, seed: int) -> Iterator[Answer]:
 # --- the program ------------------------------------------------------------------------------
 
 
+def sensors(grade: str, aligned: bool) -> SensorErrors:
+    """Errors of a grade's sensors; misaligned ones as data sheets say."""
+    return replace(GRADES[grade], misalignment=0.0 if aligned else MISALIGNMENT[grade])
+
+
 def same_noise(errors: SensorErrors, grade: str) -> list[str]:
     """Options that say what the optimal filter gets, as far as there are any."""
     values = {
@@ -143,8 +148,9 @@ def same_noise(errors: SensorErrors, grade: str) -> list[str]:
         "--arw": errors.angle_random_walk * 60.0 / DEGREE,
         "--vrw": errors.velocity_random_walk / (1e-6 * STANDARD_GRAVITY),
         "--sigma-bg": errors.gyro_bias * 3600.0 / DEGREE,
-        "--sigma-ba": errors.accel_bias,
+        "--sigma-ba": errors.seen[3],
         "--sigma-sf": errors.accel_scale,
+        "--sigma-misalignment": 1e3 * errors.misalignment,
         "--bias-time": errors.time,
         "--gnss-latency": 0,
         "--gnss-lasting": 0,
@@ -244,9 +250,7 @@ def run_draw(
     truth: Motion, grade: str, seed: int, cases: dict[str, list[str]], args, folder: Path
 ) -> Iterator[tuple[str, Callable[[Score], None]]]:
     """Each method's name, and what puts its answers into a score."""
-    errors = GRADES[grade]
-    if not args.aligned:
-        errors = replace(errors, misalignment=MISALIGNMENT[grade])
+    errors = sensors(grade, args.aligned)
     data = record(truth, errors, seed)
     spans = spans_within(args.duration)
     broken = without_fixes(data, spans)
@@ -289,7 +293,7 @@ def adding(
 
 
 def table(grade: str, args) -> None:
-    noise_options = same_noise(GRADES[grade], grade)
+    noise_options = same_noise(sensors(grade, args.aligned), grade)
     cases = {"told": noise_options, "automatic": []}
     cases = {name: options for name, options in cases.items() if name in args.rows}
     more: dict[str, list[str]] = {}

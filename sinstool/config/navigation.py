@@ -214,6 +214,13 @@ class FilterOptions(Group):
         " estimated from the motion)",
         "ROLL,PITCH,YAW",
     )
+    sigma_misalignment: float | None = option(
+        None,
+        "misalignment of the gyros in mrad, 1 sigma of each of the six angles between their axes,"
+        " in place of the grade's; 0: the axes are exact",
+        "MRAD",
+        ge=0,
+    )
     baro_sigma: float | None = option(
         None, "slowly varying error of the barometer in m, 1 sigma (default: 10)", "M", gt=0
     )

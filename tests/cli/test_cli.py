@@ -424,6 +424,7 @@ gnss_sigma = 3
 gnss_noise_scale = 2
 baro_sigma = 4
 gnss_velocity_lag = 0.125
+sigma_misalignment = 0.2
 
 [vertical]
 height_damping = "baro"

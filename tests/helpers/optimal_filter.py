@@ -1,4 +1,4 @@
-"""A plain INS/GNSS Kalman filter of 21 states and its smoother: the yardstick for the product's.
+"""A plain INS/GNSS Kalman filter of 27 states and its smoother: the yardstick for the product's.
 
 It shares no code with the product. Where it gets the true noise of the sensors and the receiver it
 is optimal, as far as a linearised filter can be; whoever is worse than it by a factor has a model
@@ -8,7 +8,9 @@ be anything is not linear.
 
 Frames and signs are the usual ones: n is north, east, down; b is forward, right, down; C_nb takes
 b to n. Errors are true less computed. The attitude error psi is the small rotation in n with
-``C_true = exp(psi) C_computed``.
+``C_true = exp(psi) C_computed``. Of the axes of gyros, 1 is what each gyro (x, y, z) measures of
+the rate about the next axis (y, z, x), and 2 of that about the next but one; sensors without
+misalignments leave the usual 21 states.
 
 =======  ==================  =======
 index    error               unit
@@ -20,6 +22,8 @@ index    error               unit
 12 - 14  accelerometer bias  m/s^2
 15 - 17  gyro scale          1
 18 - 20  accelerometer scale 1
+21 - 23  gyro axes, 1        rad
+24 - 26  gyro axes, 2        rad
 =======  ==================  =======
 
 References
@@ -44,8 +48,10 @@ E2 = F * (2.0 - F)
 RATE = 7.292115e-5  # rad/s
 MU = 3.986004418e14  # m^3/s^2
 
-SIZE = 21
-P, V, PSI, BG, BA, SG, SA = (slice(k, k + 3) for k in range(0, SIZE, 3))
+SIZE = 27
+P, V, PSI, BG, BA, SG, SA, M1, M2 = (slice(k, k + 3) for k in range(0, SIZE, 3))
+MARKOV = slice(9, 21)
+LEAST = 1e-9  # of the sigma of a misalignment, rad: a state needs one
 
 INTERVAL = 0.1  # s between predictions of the covariance
 LONGEST = 0.05  # s: a longer interval between samples is a gap
@@ -68,8 +74,8 @@ class SensorErrors:
     time : float
         Their correlation time, s.
     misalignment : float
-        Of each of the six angles of either triad, rad. The filter has no states for them: noise of
-        attitude across the axis of each turn, which is theirs in a turn by a right angle.
+        Of each of the six angles of either triad, rad; constant. The filter has states for those of
+        the gyros.
     """
 
     angle_random_walk: float
@@ -83,9 +89,20 @@ class SensorErrors:
 
     @property
     def markov(self):
-        """Standard deviations of states 9 to 20."""
+        """Standard deviations of the errors that states 9 to 20 are of."""
         each = [self.gyro_bias, self.accel_bias, self.gyro_scale, self.accel_scale]
         return np.repeat(each, 3)
+
+    @property
+    def seen(self):
+        """The same as a filter sees them: a misaligned accelerometer feels gravity as a bias."""
+        share = self.misalignment * gravity(np.pi / 4.0, 0.0)
+        return replace(self, accel_bias=np.hypot(self.accel_bias, share)).markov
+
+    @property
+    def spread(self):
+        """Standard deviations of states 9 to 26."""
+        return np.append(self.seen, np.full(6, max(self.misalignment, LEAST)))
 
 
 @dataclass(frozen=True)
@@ -130,9 +147,9 @@ class Navigation:
         s, rad, rad, m.
     velocity_n : ndarray, shape (m, 3)
     c_nb : ndarray, shape (m, 3, 3)
-    sensors : ndarray, shape (m, 12)
-        States 9 to 20 as estimated.
-    covariance : ndarray, shape (m, 21, 21)
+    sensors : ndarray, shape (m, 18)
+        States 9 to 26 as estimated.
+    covariance : ndarray, shape (m, 27, 27)
     """
 
     seconds: np.ndarray
@@ -156,11 +173,11 @@ class Filtered:
     ----------
     after : Navigation
         With the fix of that instant, where there is one.
-    transition : ndarray, shape (m, 21, 21)
+    transition : ndarray, shape (m, 27, 27)
         From the instant before.
-    noise : ndarray, shape (m, 21)
+    noise : ndarray, shape (m, 27)
         Variances of the process noise since then; half of it before the transition.
-    correction : ndarray, shape (m, 21)
+    correction : ndarray, shape (m, 27)
         By the fix.
     """
 
@@ -261,8 +278,8 @@ def mechanise(place, v, c, sensors, earlier, dt, gyro, accel):
     ----------
     place, v, c : ndarray
         Latitude, longitude, height; velocity; C_nb. Changed.
-    sensors : ndarray, shape (12,)
-        Biases and scale factors to be taken off.
+    sensors : ndarray, shape (18,)
+        Biases, scale factors and misalignments to be taken off.
     earlier : ndarray, shape (2, 3)
         Increments of the sample before. Changed.
     dt, gyro, accel : ndarray, shape (k,), (k, 3), (k, 3)
@@ -270,15 +287,20 @@ def mechanise(place, v, c, sensors, earlier, dt, gyro, accel):
 
     Returns
     -------
-    ndarray, shape (4, 3, 3)
+    ndarray, shape (6, 3, 3)
         Integrals of C, of the specific force in n (first column), of C times the diagonal matrix
-        of the specific force, and of C times that of the rate.
+        of the specific force, and of C times those of the rate about the axis itself, the next and
+        the next but one.
     """
-    integrals = np.zeros((4, 3, 3))
+    integrals = np.zeros((6, 3, 3))
     for k in range(len(dt)):
         step = dt[k]
-        turn = (gyro[k] - sensors[:3] * step) / (1.0 + sensors[6:9])
-        push = (accel[k] - sensors[3:6] * step) / (1.0 + sensors[9:])
+        raw = gyro[k]
+        own = raw - sensors[:3] * step
+        for i in range(3):
+            own[i] -= sensors[12 + i] * raw[(i + 1) % 3] + sensors[15 + i] * raw[(i + 2) % 3]
+        turn = own / (1.0 + sensors[6:9])
+        push = (accel[k] - sensors[3:6] * step) / (1.0 + sensors[9:12])
         phi = turn + cross(earlier[0], turn) / 12.0
         dv = push + 0.5 * cross(turn, push)
         dv += (cross(earlier[0], push) + cross(earlier[1], turn)) / 12.0
@@ -304,7 +326,8 @@ def mechanise(place, v, c, sensors, earlier, dt, gyro, accel):
         integrals[0] += half * step
         integrals[1, :, 0] += dv_n
         integrals[2] += half * push
-        integrals[3] += half * turn
+        for i in range(3):
+            integrals[3 + i] += half * np.roll(turn, -i)
     return integrals
 
 
@@ -334,20 +357,18 @@ def transition(place, v, integrals, tau, errors):
     a[6, 4], a[7, 3], a[8, 4] = -tau * east, tau * north, tau * east * np.tan(place[0])
     a[PSI, PSI] = -tau * skew(earth + transport)
     a[PSI, BG] = -integrals[0]
-    a[PSI, SG] = -integrals[3]
+    a[PSI, SG], a[PSI, M1], a[PSI, M2] = -integrals[3:]
     phi = np.eye(SIZE) + a + 0.5 * a @ a
-    phi[9:, 9:] *= np.exp(-tau / errors.time)
+    phi[MARKOV, MARKOV] *= np.exp(-tau / errors.time)
     return phi
 
 
-def process_noise(tau, errors, turned_n):
-    """Variances that a time adds, with a turn in n; [1]_ section 14.2.6."""
+def process_noise(tau, errors):
+    """Variances that a time adds; [1]_ section 14.2.6."""
     q = np.zeros(SIZE)
     q[V] = errors.velocity_random_walk**2 * tau
-    size = max(np.linalg.norm(turned_n), 1e-12)
-    across = 0.5 * np.pi * (size - turned_n**2 / size)
-    q[PSI] = errors.angle_random_walk**2 * tau + errors.misalignment**2 * across
-    q[9:] = errors.markov**2 * -np.expm1(-2.0 * tau / errors.time)
+    q[PSI] = errors.angle_random_walk**2 * tau
+    q[MARKOV] = errors.seen**2 * -np.expm1(-2.0 * tau / errors.time)
     return q
 
 
@@ -408,7 +429,7 @@ def navigate(seconds, gyro, accel, fixes, start, errors, lever, interval=INTERVA
     sensors, p = start.sensors[0].copy(), start.covariance[0].copy()
     earlier = np.zeros((2, 3))
     places, vs, cs = np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 3, 3))
-    every, ps = np.empty((m, 12)), np.empty((m, SIZE, SIZE))
+    every, ps = np.empty((m, SIZE - 9)), np.empty((m, SIZE, SIZE))
     phis, qs, corrections = np.zeros((m, SIZE, SIZE)), np.zeros((m, SIZE)), np.zeros((m, SIZE))
     gyro, accel = np.ascontiguousarray(gyro), np.ascontiguousarray(accel)
     for k, node in enumerate(nodes):
@@ -417,14 +438,14 @@ def navigate(seconds, gyro, accel, fixes, start, errors, lever, interval=INTERVA
             tau = float(dt[part].sum())
             if dt[node] > LONGEST:
                 integrals = across_gap(place, v, c, sensors, tau)
-                noise = process_noise(tau, errors, np.zeros(3)) + gap_noise(tau)
+                noise = process_noise(tau, errors) + gap_noise(tau)
                 earlier[:] = 0.0
             else:
                 integrals = mechanise(
                     place, v, c, sensors, earlier, dt[part], gyro[part], accel[part]
                 )
-                noise = process_noise(tau, errors, integrals[3].sum(axis=1))
-            sensors *= np.exp(-tau / errors.time)
+                noise = process_noise(tau, errors)
+            sensors[:12] *= np.exp(-tau / errors.time)
             phi = transition(place, v, integrals, tau, errors)
             p = predicted(p, phi, noise)
             phis[k], qs[k] = phi, noise
@@ -449,7 +470,7 @@ def navigate(seconds, gyro, accel, fixes, start, errors, lever, interval=INTERVA
 def across_gap(place, v, c, sensors, tau):
     """Straight on where samples are missing; returns what :func:`mechanise` does."""
     place[:] = moved(*place, v * tau)
-    integrals = np.zeros((4, 3, 3))
+    integrals = np.zeros((6, 3, 3))
     integrals[0] = c * tau
     integrals[1, 2, 0] = -gravity(place[0], place[2]) * tau
     return integrals

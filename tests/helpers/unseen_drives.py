@@ -385,7 +385,7 @@ def first_state(truth, errors, seed, sigmas):
             np.full(3, FIX_SIGMA),
             np.full(3, velocity),
             DEG * np.array([tilt, tilt, heading]),
-            errors.markov,
+            errors.spread,
         ]
     )
     error = np.where(np.arange(SIZE) < 9, random.standard_normal(SIZE) * sigma, 0.0)
@@ -395,7 +395,7 @@ def first_state(truth, errors, seed, sigmas):
         *place,
         truth.velocity_n[:1] - error[3:6],
         Rotation.from_rotvec(-error[6:9]).as_matrix()[None] @ truth.c_nb[:1],
-        np.zeros((1, 12)),
+        np.zeros((1, SIZE - 9)),
         np.diag(sigma**2)[None],
     )
 

@@ -16,8 +16,8 @@ import numpy as np
 from sinstool.core.arrays import FloatArray
 from sinstool.core.rotation import skew, to_dcm
 from sinstool.methods.ins_gnss import states
-from sinstool.methods.ins_gnss.parameters import TURN, sensor_densities
-from sinstool.methods.ins_gnss.settings import Start
+from sinstool.methods.ins_gnss.parameters import sensor_densities
+from sinstool.methods.ins_gnss.settings import TURN, Start
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.velocity import Increments
 

@@ -45,6 +45,8 @@ class FilterSummary:
         the first. Should be 1, but does not tell of errors of the fixes that last.
     gyro_bias, accel_scale, accel_bias, gyro_scale : ndarray, shape (3,)
         Taken off, rad/s, 1, m/s^2, 1.
+    gyro_axes : ndarray, shape (6,)
+        Misalignment taken off, rad, in the order of :data:`states.AXES_PAIRS`.
     baro_bias : float
         Taken off the barometric height, m.
     channel : ChannelSummary
@@ -71,6 +73,7 @@ class FilterSummary:
     accel_scale: FloatArray
     accel_bias: FloatArray
     gyro_scale: FloatArray
+    gyro_axes: FloatArray
     baro_bias: float
     channel: height_layout.ChannelSummary
     gains: tuple[float, float, float] | None
@@ -156,7 +159,7 @@ class InsGnssFilter:
         self._grid = np.empty((0, 4)) if constraints is None else constraints.grid()
         self._memory = layout.new_memory(
             start.nav,
-            np.concatenate([start.gyro_bias, np.zeros(3), start.accel_bias, np.zeros(3)]),
+            np.concatenate([start.gyro_bias, np.zeros(3), start.accel_bias, np.zeros(9)]),
             p0,
             height_layout.new_state(),
             np.zeros(layout.VEHICLE_SIZE) if vehicle is None else vehicle.start_values(),
@@ -209,7 +212,8 @@ class InsGnssFilter:
             gyro_bias=sensors[:3].copy(),
             accel_scale=sensors[3:6].copy(),
             accel_bias=sensors[6:9].copy(),
-            gyro_scale=sensors[9:].copy(),
+            gyro_scale=sensors[9:12].copy(),
+            gyro_axes=sensors[12:].copy(),
             baro_bias=float(self._memory.channel[height_layout.S_BARO_BIAS]),
             channel=height_layout.summarise(self._memory.channel),
             gains=self.settings.damping.gains if self.kind.network else None,

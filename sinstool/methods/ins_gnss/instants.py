@@ -79,6 +79,7 @@ def close_substep(m: Memory, model: Model) -> None:
             m.mean_c,
             m.mean_cf,
             m.mean_cw,
+            m.mean_axes,
             scale,
             k1,
             k2,
@@ -164,6 +165,8 @@ def begin_substep(m: Memory) -> None:
             m.mean_c[i, j] = 0.0
             m.mean_cf[i, j] = 0.0
             m.mean_cw[i, j] = 0.0
+        for j in range(6):
+            m.mean_axes[i, j] = 0.0
 
 
 @part()
@@ -219,7 +222,7 @@ def close_instant(m: Memory, model: Model, stored: FloatArray) -> None:
         stored[row, layout.R_SENSORS + i] = m.sensors[i]
     stored[row, layout.R_SENSORS + 9] = m.channel[S_CORRECTION]
     stored[row, layout.R_SENSORS + 10] = m.channel[S_BARO_BIAS]
-    for i in range(3):
+    for i in range(9):
         stored[row, layout.R_SENSORS + 11 + i] = m.sensors[9 + i]
     stored[row, layout.R_TIME] = m.now
     stored[row, layout.R_UPDATE] = m.updates
@@ -267,6 +270,11 @@ def _feed_back(m: Memory, model: Model) -> None:
         if gyro_factor >= 0:
             m.sensors[9 + i] += x[gyro_factor + i]
             x[gyro_factor + i] = 0.0
+    axes = index[states.I_GYRO_AXES]
+    if axes >= 0:
+        for i in range(6):
+            m.sensors[12 + i] += x[axes + i]
+            x[axes + i] = 0.0
     if index[states.I_LAND_VEHICLE] >= 0:
         _feed_back_vehicle(m.vehicle, x, index[states.I_LAND_VEHICLE])
     b = index[states.I_BARO]

@@ -21,7 +21,7 @@ from sinstool.methods.ins_gnss import baro, instants, land_vehicle, layout
 from sinstool.methods.ins_gnss.gnss import gnss_epoch
 from sinstool.methods.ins_gnss.layout import Memory, Model
 from sinstool.methods.ins_gnss.model import radii
-from sinstool.methods.ins_gnss.states import ATTITUDE, I_BARO, POSITION, VELOCITY
+from sinstool.methods.ins_gnss.states import ATTITUDE, I_BARO, I_GYRO_AXES, POSITION, VELOCITY
 from sinstool.methods.strapdown.navigation import (
     HEIGHT,
     LATITUDE,
@@ -108,6 +108,7 @@ def run(
     first_fix = 0
     moved = m.moved
     constrained = grid.shape[0] > 0
+    has_axes = model.where[I_GYRO_AXES] >= 0
     for k in range(len(time)):
         dt = interval[k]
         begin = time[k] - dt
@@ -193,9 +194,9 @@ def run(
                 ux,
                 uy,
                 uz,
-                e[0] * d + e[9] / (1.0 + e[9]) * px,
-                e[1] * d + e[10] / (1.0 + e[10]) * py,
-                e[2] * d + e[11] / (1.0 + e[11]) * pz,
+                e[0] * d + e[9] / (1.0 + e[9]) * px + e[12] * py + e[13] * pz,
+                e[1] * d + e[10] / (1.0 + e[10]) * py + e[14] * px + e[15] * pz,
+                e[2] * d + e[11] / (1.0 + e[11]) * pz + e[16] * px + e[17] * py,
                 e[6] * d + e[3] / (1.0 + e[3]) * ux,
                 e[7] * d + e[4] / (1.0 + e[4]) * uy,
                 e[8] * d + e[5] / (1.0 + e[5]) * uz,
@@ -236,6 +237,26 @@ def run(
             mw[2, 0] += px * c20
             mw[2, 1] += py * c21
             mw[2, 2] += pz * c22
+            if has_axes:
+                ma = m.mean_axes
+                ma[0, 0] += c00 * py
+                ma[0, 1] += c00 * pz
+                ma[0, 2] += c01 * px
+                ma[0, 3] += c01 * pz
+                ma[0, 4] += c02 * px
+                ma[0, 5] += c02 * py
+                ma[1, 0] += c10 * py
+                ma[1, 1] += c10 * pz
+                ma[1, 2] += c11 * px
+                ma[1, 3] += c11 * pz
+                ma[1, 4] += c12 * px
+                ma[1, 5] += c12 * py
+                ma[2, 0] += c20 * py
+                ma[2, 1] += c20 * pz
+                ma[2, 2] += c21 * px
+                ma[2, 3] += c21 * pz
+                ma[2, 4] += c22 * px
+                ma[2, 5] += c22 * py
 
             lat0 = nav[LATITUDE]
             lon0 = nav[LONGITUDE]

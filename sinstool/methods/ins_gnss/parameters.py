@@ -10,12 +10,11 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.chi_square import upper_point
 from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.constraints import LandVehicle
-from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.ins_gnss.settings import TURN, Settings, Start
 from sinstool.methods.sensor_errors import SensorGrade
 
 _ADAPTIVE = {"off": 0.0, "sage-husa": 1.0, "innovation": 2.0}
 CHANNEL_GATE = 8.0  # m, of the vertical channel
-TURN = np.pi / 2.0  # rad: after such a turn, errors of gyro axes have done what their sigma says
 
 
 def initial_covariance(
@@ -43,6 +42,7 @@ def initial_covariance(
     variance[states.ACCEL_SCALE : states.ACCEL_SCALE + 3] = settings.imu.accel_scale**2
     variance[states.ACCEL_BIAS : states.ACCEL_BIAS + 3] = accel**2
     variance[states.GYRO_SCALE : states.GYRO_SCALE + 3] = settings.imu.gyro_scale**2
+    variance[states.GYRO_AXES : states.GYRO_AXES + 6] = settings.imu.gyro_misalignment**2
     variance[states.GNSS_POSITION : states.GNSS_POSITION + 3] = np.square(gnss.position_markov)
     variance[states.GNSS_VELOCITY : states.GNSS_VELOCITY + 3] = np.square(gnss.velocity_markov)
     if vehicle is not None:
@@ -134,8 +134,9 @@ def _bias_sigmas(start: Start, settings: Settings) -> tuple[float, float]:
 def loop_parameters(kind: states.FilterKind, settings: Settings) -> dict[str, Any]:
     """Fields of :data:`sinstool.methods.ins_gnss.layout.MODEL` by their names."""
     control, gnss = settings.control, settings.gnss
-    # Scale factors without states of their own are taken for errors of the axes
+    # Errors of gyros that have no states of their own are what a turn makes uncertain
     own = settings.imu.gyro_scale if kind.first(states.GYRO_SCALE) < 0 else 0.0
+    across = settings.imu.gyro_misalignment if kind.first(states.GYRO_AXES) < 0 else 0.0
     white = np.square([*gnss.position_white, *gnss.velocity_white])
     slow = np.square([*gnss.position_markov, *gnss.velocity_markov])
     tau = settings.damping.tau
@@ -165,7 +166,7 @@ def loop_parameters(kind: states.FilterKind, settings: Settings) -> dict[str, An
         "baro_gate": settings.baro_gate,
         "measured": control.measured_epochs > 0,
         "turn_variance": own**2 * TURN,
-        "across_variance": settings.imu.gyro_misalignment**2 * TURN,
+        "across_variance": across**2 * TURN,
         "gnss_white": white,
         "gnss_markov": slow,
         "gnss_all": white + slow,

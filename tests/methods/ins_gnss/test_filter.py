@@ -554,16 +554,23 @@ def test_after_a_long_gap_hardly_anything_is_known():
 
 # --- what errors of the sensors do --------------------------------------------------------
 
-SENSORS = ("gyro_bias", "accel_bias", "gyro_scale", "accel_scale")
+SENSORS = ("gyro_bias", "accel_bias", "gyro_scale", "accel_scale", "gyro_misalignment")
 # Of whole substeps of 13 updates, the shortest that are .25 s: output has the covariance of the
 # latest one
 WHOLE_SUBSTEPS = 116 * 13
 
 
 def with_error(stated, name, axis, size):
-    """Increments of a sensor with one error more."""
+    """Increments of a sensor with one error more.
+
+    Six of misalignment: by the first three a gyro feels the rate about the next axis.
+    """
     turned, pushed = stated.rotation_vector.copy(), stated.velocity_increment.copy()
     values = turned if name.startswith("gyro") else pushed
+    if name == "gyro_misalignment":
+        gyro, other = axis % 3, (axis + 1 + axis // 3) % 3
+        values[:, gyro] += size * stated.rotation_vector[:, other]
+        return replace(stated, rotation_vector=turned)
     values[:, axis] += size * (stated.interval if name.endswith("bias") else values[:, axis])
     return replace(stated, rotation_vector=turned, velocity_increment=pushed)
 
@@ -591,7 +598,7 @@ def test_each_error_of_a_sensor_spreads_as_the_navigation_with_it_does(name, mot
     flown = Flown()
     stated = motion(flown)
     none = flown.gnss.rows(np.zeros(len(flown.gnss), bool))
-    sizes = {"gyro_bias": 1e-5, "accel_bias": 1e-3, "gyro_scale": 1e-4, "accel_scale": 1e-4}
+    sizes = dict(zip(SENSORS, (1e-5, 1e-3, 1e-4, 1e-4, 1e-4), strict=True))
     quiet = {"angle_random_walk": 1e-12, "velocity_random_walk": 1e-12, "bias_time_s": 1e9}
     quiet |= {other: 1e-3 * sizes[other] for other in SENSORS}
     sharp = replace(
@@ -608,8 +615,9 @@ def test_each_error_of_a_sensor_spreads_as_the_navigation_with_it_does(name, mot
 
     made, least = navigated(stated, **{name: sizes[name]}), navigated(stated)
     meridian, transverse = earth.radii_of_curvature(made.latitude[-1])
-    moved = np.empty((9, 3))
-    for axis in range(3):
+    count = 6 if name == "gyro_misalignment" else 3
+    moved = np.empty((9, count))
+    for axis in range(count):
         low, high = (navigated(with_error(stated, name, axis, s * sizes[name])) for s in (-1, 1))
         moved[:, axis] = 0.5 * np.concatenate(
             [

@@ -13,6 +13,7 @@ from sinstool.methods.ins_gnss.states import (
     ACCEL_BIAS,
     ACCEL_SCALE,
     ATTITUDE,
+    AXES_PAIRS,
     CORRECTION,
     GNSS_POSITION,
     GYRO_BIAS,
@@ -172,7 +173,7 @@ def test_scale_factors_of_gyros_and_accelerometers_are_found(flown):
 
 
 def test_sensor_errors_are_taken_off_as_they_came_in(flown):
-    """Biases and scale factors, all different and large: the way is that of the true increments."""
+    """All different, and biases and scales large: the way is that of the true increments."""
     gyro, accel = np.array([2e-3, -3e-3, 4e-3]), np.array([0.3, 0.5, -0.4])
     gyro_scale, accel_scale = np.array([0.05, -0.07, 0.09]), np.array([-0.11, 0.13, 0.16])
     true = take_rows(flown.increments, slice(0, 100))
@@ -182,10 +183,15 @@ def test_sensor_errors_are_taken_off_as_they_came_in(flown):
         rotation_vector=(true.rotation_vector + gyro * step) * (1.0 + gyro_scale),
         velocity_increment=(true.velocity_increment + accel * step) * (1.0 + accel_scale),
     )
+    axes = 1e-4 * np.array([1.0, -2.0, 3.0, 1.5, -2.5, 0.5])
+    across = true.rotation_vector.copy()
+    for size, (gyro_axis, other) in zip(axes, AXES_PAIRS, strict=True):
+        across[:, gyro_axis] += size * true.rotation_vector[:, other]
     ways = []
     for increments, sensors in (
-        (true, np.zeros(12)),
-        (stated, np.concatenate([gyro, accel_scale, accel, gyro_scale])),
+        (true, np.zeros(18)),
+        (stated, np.concatenate([gyro, accel_scale, accel, gyro_scale, np.zeros(6)])),
+        (replace(true, rotation_vector=across), np.append(np.zeros(12), axes)),
     ):
         run = InsGnssFilter(flown.start, flown.using("markov-27"), with_baro=False, output=True)
         run._memory.sensors[:] = sensors
@@ -193,8 +199,10 @@ def test_sensor_errors_are_taken_off_as_they_came_in(flown):
         ways.append([updates.velocity_n, updates.q_nb, updates.omega_ib_b,
                      updates.specific_force_b])  # fmt: skip
     # but for what the turn of an interval does to the force in it
-    for one, other, limit in zip(*ways, (1e-2, 1e-6, 1e-9, 1e-2), strict=True):
-        assert np.abs(one - other).max() < limit
+    limits = (1e-2, 1e-6, 1e-9, 1e-2), (1e-6, 1e-6, 1e-6, 1e-5)
+    for way, limited in zip(ways[1:], limits, strict=True):
+        for one, other, limit in zip(ways[0], way, limited, strict=True):
+            assert np.abs(one - other).max() < limit
 
 
 def test_a_steady_turn_goes_on_through_a_gap(flown):

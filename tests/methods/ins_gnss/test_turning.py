@@ -17,7 +17,7 @@ MISALIGNED, FIRST = 1e-3, 1e-5
 NOTHING = GnssEpochs(*(np.zeros(0, np.int64),) * 2, *(np.zeros(0),) * 3, *(np.zeros((0, 3)),) * 3)
 
 
-def turned(axis, degrees, matrix):
+def turned(axis, degrees, matrix, filter="markov-27"):
     """Attitude at the end of a turn, and what a filter says of it; its gyros are off by `matrix`.
 
     Gravity is felt from what is the truth; `axis` is forward, right, down, and stays level or not.
@@ -34,7 +34,7 @@ def turned(axis, degrees, matrix):
     control = DivergenceControl(virtual_noise=False)
     model = GnssModel((0.1,) * 3, (0.01,) * 3, 200.0, (0.05,) * 3, (5e-3,) * 3)
     settings = for_grade(
-        "tactical", filter="markov-27", network=None, gnss=model, control=control,
+        "tactical", filter=filter, network=None, gnss=model, control=control,
         imu=SensorGrade(gyro_misalignment=MISALIGNED),
     )  # fmt: skip
     begin = start(LATITUDE, 0.0, 100.0, np.zeros(3), rotation.exp(np.zeros(3)), 0.1, 0.01, FIRST)
@@ -43,9 +43,30 @@ def turned(axis, degrees, matrix):
     return error, np.sqrt(np.diagonal(last.covariance_attitude_n[-1]))
 
 
+@pytest.mark.parametrize(
+    ("axis", "degrees"),
+    [((0, 0, 1), 90), ((0, 0, -1), 1530), ((0, 1, 0), -90), ((0.6, 0, 0.8), 200)],
+)
+def test_attitude_gets_as_uncertain_as_gyros_that_are_misaligned_turn_it_wrong(axis, degrees):
+    """Truth: strapdown navigation itself, by gyros whose axes are off by a draw of matrices."""
+    random = np.random.default_rng(5)
+    squares = []
+    for _ in range(100):
+        matrix = MISALIGNED * random.standard_normal((3, 3))
+        np.fill_diagonal(matrix, 0.0)
+        error, sigma = turned(axis, degrees, matrix)
+        squares.append(np.square(error / sigma))
+    ratio = np.mean(squares, axis=0)
+    # About the axis of a turn there is but the sigma of the start, which was not off
+    shown = sigma > 0.1 * MISALIGNED
+    assert np.count_nonzero(shown) >= 2 and np.all(ratio[~shown] < 1.0)
+    # 100 draws know the mean of a square to 14 %
+    assert ratio[shown] == pytest.approx(np.ones(np.count_nonzero(shown)), abs=0.45)
+
+
 @pytest.mark.parametrize("degrees", [90.0, -90.0, 270.0, 1530.0])
 @pytest.mark.parametrize("down", [1, -1])
-def test_a_car_keeps_its_heading_as_it_turns(degrees, down):
+def test_a_filter_without_states_for_the_axes_keeps_the_heading_of_a_car_as_it_turns(degrees, down):
     """Truth: strapdown navigation itself, by gyros whose axes are off by a draw of matrices.
 
     It grew by the misalignment in each right angle, as if it were random: by four in 1530 deg.
@@ -55,7 +76,7 @@ def test_a_car_keeps_its_heading_as_it_turns(degrees, down):
     for _ in range(60):
         matrix = MISALIGNED * random.standard_normal((3, 3))
         np.fill_diagonal(matrix, 0.0)
-        error, sigma = turned([0.0, 0.0, down], degrees, matrix)
+        error, sigma = turned([0.0, 0.0, down], degrees, matrix, "plain-15")
         errors.append(error)
     spread = np.sqrt(np.mean(np.square(errors), axis=0))
     assert spread[2] < 0.04 * MISALIGNED and sigma[2] < 0.1 * MISALIGNED
@@ -63,13 +84,13 @@ def test_a_car_keeps_its_heading_as_it_turns(degrees, down):
     assert np.all(sigma[:2] > 0.75 * spread[:2]) and np.all(spread[:2] > 0.5 * MISALIGNED)
 
 
-def test_a_turn_about_another_axis_makes_heading_uncertain():
+def test_a_turn_about_another_axis_makes_heading_uncertain_without_states_for_the_axes():
     random = np.random.default_rng(4)
     errors = []
     for _ in range(60):
         matrix = MISALIGNED * random.standard_normal((3, 3))
         np.fill_diagonal(matrix, 0.0)
-        error, sigma = turned([0.0, 1.0, 0.0], 90.0, matrix)
+        error, sigma = turned([0.0, 1.0, 0.0], 90.0, matrix, "plain-15")
         errors.append(error)
     spread = np.sqrt(np.mean(np.square(errors), axis=0))
     assert spread[2] > 0.5 * MISALIGNED and 0.75 < sigma[2] / spread[2] < 1.8
