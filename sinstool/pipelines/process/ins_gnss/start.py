@@ -37,7 +37,12 @@ from sinstool.pipelines.process.ins_gnss.filter_settings import (
 )
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
-from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors, shown_increments
+from sinstool.pipelines.process.ins_gnss.imu_drift import (
+    MOST_BETTER,
+    Drift,
+    NoiseFactors,
+    shown_increments,
+)
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
 from sinstool.pipelines.process.ins_gnss.receiver import (
     gnss_model,
@@ -426,9 +431,13 @@ def _better(
     if factors.gyro >= QUIETER or config.navigation.imu_noise is not None:
         return None
     order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
-    scales = has_scales(config)
-    others = order[order.index(grade) + 1 :]
-    sensors = {o: as_in_motion(source, imu_noise(config, o, scales)) for o in others}
+    scales, moving = has_scales(config), walks_in_motion(source)
+    sensors = {}
+    for other in order[order.index(grade) + 1 :]:
+        imu = imu_noise(config, other, scales)
+        # The noise of motion takes the place of the grade's own, but is it that of such a gyro?
+        if moving is None or moving[0] <= MOST_BETTER * imu.angle_random_walk:
+            sensors[other] = as_in_motion(source, imu)
     gains = drift.gains(factors, sensors)
     best = max(gains, key=lambda other: gains[other], default=None)
     return best if best is not None and gains[best] > LEAST_GAIN else None
