@@ -337,7 +337,7 @@ def full_errors(scene, data, run, stored, rate) -> np.ndarray:  # type: ignore[n
             data.gyro_bias[at] - sensors[:, 0:3],
             data.accel_scale - sensors[:, 3:6],
             accel_bias - sensors[:, 6:9],
-            -sensors[:, 11:20],
+            -sensors[:, 11:26],
             data.gnss_errors[second],
         ]
     )

@@ -148,7 +148,7 @@ def same_noise(errors: SensorErrors, grade: str) -> list[str]:
         "--arw": errors.angle_random_walk * 60.0 / DEGREE,
         "--vrw": errors.velocity_random_walk / (1e-6 * STANDARD_GRAVITY),
         "--sigma-bg": errors.gyro_bias * 3600.0 / DEGREE,
-        "--sigma-ba": errors.seen[3],
+        "--sigma-ba": errors.accel_bias,
         "--sigma-sf": errors.accel_scale,
         "--sigma-misalignment": 1e3 * errors.misalignment,
         "--bias-time": errors.time,

@@ -216,8 +216,8 @@ class FilterOptions(Group):
     )
     sigma_misalignment: float | None = option(
         None,
-        "misalignment of the gyros in mrad, 1 sigma of each of the six angles between their axes,"
-        " in place of the grade's; 0: the axes are exact",
+        "misalignment of the gyros and of the accelerometers in mrad, 1 sigma of each of the six"
+        " angles of either, in place of the grade's; 0: the axes are exact",
         "MRAD",
         ge=0,
     )

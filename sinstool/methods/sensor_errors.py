@@ -66,9 +66,10 @@ class SensorGrade:
         The share of the scale factors, as a fraction of their sigma, that wanders as biases do:
         temperature moves both.
     gyro_misalignment, accel_misalignment : float
-        Each of the six angles between the axes, rad. A filter has no states for them: attitude
-        gets less certain with each angle turned, by that of the gyros in a turn by a right angle.
-        Where it has no states for the scale factors of gyros either, these count in the same way.
+        Each of the six angles between the axes, rad. A filter has states for them where a log can
+        show them. Without, attitude gets less certain with each angle turned, by that of the gyros
+        in a turn by a right angle; where it has no states for the scale factors of gyros either,
+        these count in the same way.
 
     Raises
     ------
@@ -163,6 +164,7 @@ _ASSUMED: _Table = {
     "accel_scale": (1.0, (3e-3, 1e-3, 3e-4, 2e-4)),
     "gyro_scale": (1.0, (5e-3, 1e-3, 3e-4, 2e-4)),
     "gyro_misalignment": (1.0, (2e-3, 2e-4, 2e-4, 5e-5)),
+    "accel_misalignment": (1.0, (2e-3, 2e-4, 2e-4, 5e-5)),
 }
 IMU_GRADES = _grades(_GRADES, _ASSUMED)
 """What a filter assumes, by grade of IMU."""

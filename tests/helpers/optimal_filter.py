@@ -1,4 +1,4 @@
-"""A plain INS/GNSS Kalman filter of 27 states and its smoother: the yardstick for the product's.
+"""A plain INS/GNSS Kalman filter of 33 states and its smoother: the yardstick for the product's.
 
 It shares no code with the product. Where it gets the true noise of the sensors and the receiver it
 is optimal, as far as a linearised filter can be; whoever is worse than it by a factor has a model
@@ -8,9 +8,9 @@ be anything is not linear.
 
 Frames and signs are the usual ones: n is north, east, down; b is forward, right, down; C_nb takes
 b to n. Errors are true less computed. The attitude error psi is the small rotation in n with
-``C_true = exp(psi) C_computed``. Of the axes of gyros, 1 is what each gyro (x, y, z) measures of
-the rate about the next axis (y, z, x), and 2 of that about the next but one; sensors without
-misalignments leave the usual 21 states.
+``C_true = exp(psi) C_computed``. Of the axes, 1 is what each sensor (x, y, z) measures along the
+next axis (y, z, x), and 2 along the next but one; sensors without misalignments leave the usual 21
+states.
 
 =======  ==================  =======
 index    error               unit
@@ -24,6 +24,7 @@ index    error               unit
 18 - 20  accelerometer scale 1
 21 - 23  gyro axes, 1        rad
 24 - 26  gyro axes, 2        rad
+27 - 32  accelerometer axes  rad
 =======  ==================  =======
 
 References
@@ -48,8 +49,8 @@ E2 = F * (2.0 - F)
 RATE = 7.292115e-5  # rad/s
 MU = 3.986004418e14  # m^3/s^2
 
-SIZE = 27
-P, V, PSI, BG, BA, SG, SA, M1, M2 = (slice(k, k + 3) for k in range(0, SIZE, 3))
+SIZE = 33
+P, V, PSI, BG, BA, SG, SA, G1, G2, A1, A2 = (slice(k, k + 3) for k in range(0, SIZE, 3))
 MARKOV = slice(9, 21)
 LEAST = 1e-9  # of the sigma of a misalignment, rad: a state needs one
 
@@ -74,8 +75,7 @@ class SensorErrors:
     time : float
         Their correlation time, s.
     misalignment : float
-        Of each of the six angles of either triad, rad; constant. The filter has states for those of
-        the gyros.
+        Of each of the six angles of either triad, rad; constant.
     """
 
     angle_random_walk: float
@@ -94,15 +94,9 @@ class SensorErrors:
         return np.repeat(each, 3)
 
     @property
-    def seen(self):
-        """The same as a filter sees them: a misaligned accelerometer feels gravity as a bias."""
-        share = self.misalignment * gravity(np.pi / 4.0, 0.0)
-        return replace(self, accel_bias=np.hypot(self.accel_bias, share)).markov
-
-    @property
     def spread(self):
-        """Standard deviations of states 9 to 26."""
-        return np.append(self.seen, np.full(6, max(self.misalignment, LEAST)))
+        """Standard deviations of states 9 to 32."""
+        return np.append(self.markov, np.full(12, max(self.misalignment, LEAST)))
 
 
 @dataclass(frozen=True)
@@ -147,9 +141,9 @@ class Navigation:
         s, rad, rad, m.
     velocity_n : ndarray, shape (m, 3)
     c_nb : ndarray, shape (m, 3, 3)
-    sensors : ndarray, shape (m, 18)
+    sensors : ndarray, shape (m, 24)
         States 9 to 26 as estimated.
-    covariance : ndarray, shape (m, 27, 27)
+    covariance : ndarray, shape (m, 33, 33)
     """
 
     seconds: np.ndarray
@@ -173,11 +167,11 @@ class Filtered:
     ----------
     after : Navigation
         With the fix of that instant, where there is one.
-    transition : ndarray, shape (m, 27, 27)
+    transition : ndarray, shape (m, 33, 33)
         From the instant before.
-    noise : ndarray, shape (m, 27)
+    noise : ndarray, shape (m, 33)
         Variances of the process noise since then; half of it before the transition.
-    correction : ndarray, shape (m, 27)
+    correction : ndarray, shape (m, 33)
         By the fix.
     """
 
@@ -271,6 +265,12 @@ def rotation(a):
 
 
 @numba.njit(cache=True)
+def across(angles, values):
+    """What misaligned sensors measure along the other axes."""
+    return angles[:3] * np.roll(values, -1) + angles[3:] * np.roll(values, -2)
+
+
+@numba.njit(cache=True)
 def mechanise(place, v, c, sensors, earlier, dt, gyro, accel):
     """Navigate over some samples; [1]_ section 5.4 in increments, with [2]_.
 
@@ -278,7 +278,7 @@ def mechanise(place, v, c, sensors, earlier, dt, gyro, accel):
     ----------
     place, v, c : ndarray
         Latitude, longitude, height; velocity; C_nb. Changed.
-    sensors : ndarray, shape (18,)
+    sensors : ndarray, shape (24,)
         Biases, scale factors and misalignments to be taken off.
     earlier : ndarray, shape (2, 3)
         Increments of the sample before. Changed.
@@ -287,20 +287,18 @@ def mechanise(place, v, c, sensors, earlier, dt, gyro, accel):
 
     Returns
     -------
-    ndarray, shape (6, 3, 3)
-        Integrals of C, of the specific force in n (first column), of C times the diagonal matrix
-        of the specific force, and of C times those of the rate about the axis itself, the next and
+    ndarray, shape (8, 3, 3)
+        Integrals of C, of the specific force in n (first column), and of C times the diagonal
+        matrices of the specific force and of the rate, each along the axis itself, the next and
         the next but one.
     """
-    integrals = np.zeros((6, 3, 3))
+    integrals = np.zeros((8, 3, 3))
     for k in range(len(dt)):
         step = dt[k]
-        raw = gyro[k]
-        own = raw - sensors[:3] * step
-        for i in range(3):
-            own[i] -= sensors[12 + i] * raw[(i + 1) % 3] + sensors[15 + i] * raw[(i + 2) % 3]
-        turn = own / (1.0 + sensors[6:9])
+        turn = (gyro[k] - sensors[:3] * step) / (1.0 + sensors[6:9])
         push = (accel[k] - sensors[3:6] * step) / (1.0 + sensors[9:12])
+        turn = turn - across(sensors[12:18], turn)
+        push = push - across(sensors[18:], push)
         phi = turn + cross(earlier[0], turn) / 12.0
         dv = push + 0.5 * cross(turn, push)
         dv += (cross(earlier[0], push) + cross(earlier[1], turn)) / 12.0
@@ -325,9 +323,9 @@ def mechanise(place, v, c, sensors, earlier, dt, gyro, accel):
         c[:] = rotation(-zeta) @ (half @ rotation(0.5 * phi))
         integrals[0] += half * step
         integrals[1, :, 0] += dv_n
-        integrals[2] += half * push
         for i in range(3):
-            integrals[3 + i] += half * np.roll(turn, -i)
+            integrals[2 + i] += half * np.roll(push, -i)
+            integrals[5 + i] += half * np.roll(turn, -i)
     return integrals
 
 
@@ -353,11 +351,11 @@ def transition(place, v, integrals, tau, errors):
     a[V, V] = -tau * skew(2.0 * earth + transport)
     a[V, PSI] = -skew(integrals[1, :, 0])
     a[V, BA] = -integrals[0]
-    a[V, SA] = -integrals[2]
+    a[V, SA], a[V, A1], a[V, A2] = -integrals[2:5]
     a[6, 4], a[7, 3], a[8, 4] = -tau * east, tau * north, tau * east * np.tan(place[0])
     a[PSI, PSI] = -tau * skew(earth + transport)
     a[PSI, BG] = -integrals[0]
-    a[PSI, SG], a[PSI, M1], a[PSI, M2] = -integrals[3:]
+    a[PSI, SG], a[PSI, G1], a[PSI, G2] = -integrals[5:]
     phi = np.eye(SIZE) + a + 0.5 * a @ a
     phi[MARKOV, MARKOV] *= np.exp(-tau / errors.time)
     return phi
@@ -368,7 +366,7 @@ def process_noise(tau, errors):
     q = np.zeros(SIZE)
     q[V] = errors.velocity_random_walk**2 * tau
     q[PSI] = errors.angle_random_walk**2 * tau
-    q[MARKOV] = errors.seen**2 * -np.expm1(-2.0 * tau / errors.time)
+    q[MARKOV] = errors.markov**2 * -np.expm1(-2.0 * tau / errors.time)
     return q
 
 
@@ -470,7 +468,7 @@ def navigate(seconds, gyro, accel, fixes, start, errors, lever, interval=INTERVA
 def across_gap(place, v, c, sensors, tau):
     """Straight on where samples are missing; returns what :func:`mechanise` does."""
     place[:] = moved(*place, v * tau)
-    integrals = np.zeros((6, 3, 3))
+    integrals = np.zeros((8, 3, 3))
     integrals[0] = c * tau
     integrals[1, 2, 0] = -gravity(place[0], place[2]) * tau
     return integrals

@@ -45,7 +45,7 @@ class FilterSummary:
         the first. Should be 1, but does not tell of errors of the fixes that last.
     gyro_bias, accel_scale, accel_bias, gyro_scale : ndarray, shape (3,)
         Taken off, rad/s, 1, m/s^2, 1.
-    gyro_axes : ndarray, shape (6,)
+    gyro_axes, accel_axes : ndarray, shape (6,)
         Misalignment taken off, rad, in the order of :data:`states.AXES_PAIRS`.
     baro_bias : float
         Taken off the barometric height, m.
@@ -74,6 +74,7 @@ class FilterSummary:
     accel_bias: FloatArray
     gyro_scale: FloatArray
     gyro_axes: FloatArray
+    accel_axes: FloatArray
     baro_bias: float
     channel: height_layout.ChannelSummary
     gains: tuple[float, float, float] | None
@@ -159,7 +160,7 @@ class InsGnssFilter:
         self._grid = np.empty((0, 4)) if constraints is None else constraints.grid()
         self._memory = layout.new_memory(
             start.nav,
-            np.concatenate([start.gyro_bias, np.zeros(3), start.accel_bias, np.zeros(9)]),
+            np.concatenate([start.gyro_bias, np.zeros(3), start.accel_bias, np.zeros(15)]),
             p0,
             height_layout.new_state(),
             np.zeros(layout.VEHICLE_SIZE) if vehicle is None else vehicle.start_values(),
@@ -213,7 +214,8 @@ class InsGnssFilter:
             accel_scale=sensors[3:6].copy(),
             accel_bias=sensors[6:9].copy(),
             gyro_scale=sensors[9:12].copy(),
-            gyro_axes=sensors[12:].copy(),
+            gyro_axes=sensors[12:18].copy(),
+            accel_axes=sensors[18:].copy(),
             baro_bias=float(self._memory.channel[height_layout.S_BARO_BIAS]),
             channel=height_layout.summarise(self._memory.channel),
             gains=self.settings.damping.gains if self.kind.network else None,

@@ -165,7 +165,7 @@ def begin_substep(m: Memory) -> None:
             m.mean_c[i, j] = 0.0
             m.mean_cf[i, j] = 0.0
             m.mean_cw[i, j] = 0.0
-        for j in range(6):
+        for j in range(12):
             m.mean_axes[i, j] = 0.0
 
 
@@ -222,7 +222,7 @@ def close_instant(m: Memory, model: Model, stored: FloatArray) -> None:
         stored[row, layout.R_SENSORS + i] = m.sensors[i]
     stored[row, layout.R_SENSORS + 9] = m.channel[S_CORRECTION]
     stored[row, layout.R_SENSORS + 10] = m.channel[S_BARO_BIAS]
-    for i in range(9):
+    for i in range(15):
         stored[row, layout.R_SENSORS + 11 + i] = m.sensors[9 + i]
     stored[row, layout.R_TIME] = m.now
     stored[row, layout.R_UPDATE] = m.updates
@@ -272,7 +272,8 @@ def _feed_back(m: Memory, model: Model) -> None:
             x[gyro_factor + i] = 0.0
     axes = index[states.I_GYRO_AXES]
     if axes >= 0:
-        for i in range(6):
+        # Those of the accelerometers follow those of the gyros
+        for i in range(12):
             m.sensors[12 + i] += x[axes + i]
             x[axes + i] = 0.0
     if index[states.I_LAND_VEHICLE] >= 0:

@@ -66,7 +66,7 @@ O_COVARIANCE = NAV_SIZE + 7  # of position, velocity, attitude
 OUTPUT = NAV_SIZE + 34
 
 # --- a row for a smoother -----------------------------------------------------------------
-SENSORS = 20  # columns of StoredEpochs.sensors
+SENSORS = 26  # columns of StoredEpochs.sensors
 R_TIME, R_UPDATE, R_RESTART = range(3)
 R_NAV = 3
 R_SENSORS = R_NAV + NAV_SIZE
@@ -83,13 +83,14 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     # All that the loop carries from block to block
     ("n", np.int64),  # states, of which the first so many move
     ("nav", (NAV_SIZE,)),
-    # Taken off: gyro bias, accelerometer scale and bias, gyro scale, misalignment of the gyro axes
-    ("sensors", (18,)),
+    # Taken off: gyro bias, accelerometer scale and bias, gyro scale, misalignment of both
+    ("sensors", (24,)),
     ("channel", (STATE_SIZE,)),  # of sinstool.methods.height.layout
     ("mean_c", (3, 3)),  # integral of C_nb over the substep
     ("mean_cf", (3, 3)),  # integral of C_nb[i, j] f[j]
     ("mean_cw", (3, 3)),  # integral of C_nb[i, j] omega[j]
-    ("mean_axes", (3, 6)),  # the same of C_nb[i, j] omega[k], j and k of states.AXES_PAIRS
+    # the same of C_nb[i, j] omega[k], then of C_nb[i, j] f[k]: j and k of states.AXES_PAIRS
+    ("mean_axes", (3, 12)),
     ("x", (SIZE,)),  # estimate of the errors
     ("dx", (SIZE,)),  # sum of the updates at this instant
     ("p", (SIZE, SIZE)),
@@ -256,7 +257,7 @@ def new_memory(
     Parameters
     ----------
     nav : ndarray, shape (10,)
-    sensors : ndarray, shape (18,)
+    sensors : ndarray, shape (24,)
     p0 : ndarray, shape (n, n)
     channel : ndarray
         State of a vertical channel that has seen nothing.

@@ -197,9 +197,9 @@ def run(
                 e[0] * d + e[9] / (1.0 + e[9]) * px + e[12] * py + e[13] * pz,
                 e[1] * d + e[10] / (1.0 + e[10]) * py + e[14] * px + e[15] * pz,
                 e[2] * d + e[11] / (1.0 + e[11]) * pz + e[16] * px + e[17] * py,
-                e[6] * d + e[3] / (1.0 + e[3]) * ux,
-                e[7] * d + e[4] / (1.0 + e[4]) * uy,
-                e[8] * d + e[5] / (1.0 + e[5]) * uz,
+                e[6] * d + e[3] / (1.0 + e[3]) * ux + e[18] * uy + e[19] * uz,
+                e[7] * d + e[4] / (1.0 + e[4]) * uy + e[20] * ux + e[21] * uz,
+                e[8] * d + e[5] / (1.0 + e[5]) * uz + e[22] * ux + e[23] * uy,
             )
             nav = m.nav
             w = nav[Q_W]
@@ -245,18 +245,36 @@ def run(
                 ma[0, 3] += c01 * pz
                 ma[0, 4] += c02 * px
                 ma[0, 5] += c02 * py
+                ma[0, 6] += c00 * uy
+                ma[0, 7] += c00 * uz
+                ma[0, 8] += c01 * ux
+                ma[0, 9] += c01 * uz
+                ma[0, 10] += c02 * ux
+                ma[0, 11] += c02 * uy
                 ma[1, 0] += c10 * py
                 ma[1, 1] += c10 * pz
                 ma[1, 2] += c11 * px
                 ma[1, 3] += c11 * pz
                 ma[1, 4] += c12 * px
                 ma[1, 5] += c12 * py
+                ma[1, 6] += c10 * uy
+                ma[1, 7] += c10 * uz
+                ma[1, 8] += c11 * ux
+                ma[1, 9] += c11 * uz
+                ma[1, 10] += c12 * ux
+                ma[1, 11] += c12 * uy
                 ma[2, 0] += c20 * py
                 ma[2, 1] += c20 * pz
                 ma[2, 2] += c21 * px
                 ma[2, 3] += c21 * pz
                 ma[2, 4] += c22 * px
                 ma[2, 5] += c22 * py
+                ma[2, 6] += c20 * uy
+                ma[2, 7] += c20 * uz
+                ma[2, 8] += c21 * ux
+                ma[2, 9] += c21 * uz
+                ma[2, 10] += c22 * ux
+                ma[2, 11] += c22 * uy
 
             lat0 = nav[LATITUDE]
             lon0 = nav[LONGITUDE]

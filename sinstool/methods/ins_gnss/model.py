@@ -9,7 +9,7 @@ With ``R_M``, ``R_N`` the radii of curvature plus the height, the mechanisation 
 and F its derivative, gravity's north component and the change of the radii with latitude
 included: nothing is left out, so that F is held against differences of the mechanisation itself.
 Errors of the sensors enter as ``dv' = C (K f + bias)`` and ``psi' = -C (K_g omega + gyro bias)``,
-where K_g holds the misalignment of the gyros beside its diagonal.
+where K and K_g hold the misalignments beside their diagonals.
 
 From measurement to measurement ``P <- Phi (P + Q/2) Phi^T + Q/2``, with Phi of which only the rows
 of moving states are not trivial, and at each sample of the barometer what the damping network does
@@ -78,8 +78,9 @@ def error_rates(
         m/s.
     mean_c, mean_cf, mean_cw : ndarray, shape (3, 3)
         ``C_nb[i, j]``, ``C_nb[i, j] f_b[j]`` and ``C_nb[i, j] omega_b[j]``, integrated over a time.
-    mean_axes : ndarray, shape (3, 6)
-        The same of ``C_nb[i, j] omega_b[k]``, j and k of :data:`states.AXES_PAIRS`.
+    mean_axes : ndarray, shape (3, 12)
+        The same of ``C_nb[i, j] omega_b[k]``, then of ``C_nb[i, j] f_b[k]``: j and k of
+        :data:`states.AXES_PAIRS`.
     scale : float
         One over that time, 1/s.
     k1, k2, k3 : float
@@ -195,9 +196,11 @@ def error_rates(
                 out[_PN + i, gyro_factor + j] = -scale * mean_cw[i, j]
     axes = index[states.I_GYRO_AXES]
     if axes >= 0:
+        accel_axes = index[states.I_ACCEL_AXES]
         for i in range(3):
             for j in range(6):
                 out[_PN + i, axes + j] = -scale * mean_axes[i, j]
+                out[_VN + i, accel_axes + j] = scale * mean_axes[i, 6 + j]
 
     a = index[states.I_CORRECTION]
     if a >= 0:

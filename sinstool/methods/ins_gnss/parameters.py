@@ -43,6 +43,7 @@ def initial_covariance(
     variance[states.ACCEL_BIAS : states.ACCEL_BIAS + 3] = accel**2
     variance[states.GYRO_SCALE : states.GYRO_SCALE + 3] = settings.imu.gyro_scale**2
     variance[states.GYRO_AXES : states.GYRO_AXES + 6] = settings.imu.gyro_misalignment**2
+    variance[states.ACCEL_AXES : states.ACCEL_AXES + 6] = settings.imu.accel_misalignment**2
     variance[states.GNSS_POSITION : states.GNSS_POSITION + 3] = np.square(gnss.position_markov)
     variance[states.GNSS_VELOCITY : states.GNSS_VELOCITY + 3] = np.square(gnss.velocity_markov)
     if vehicle is not None:

@@ -142,9 +142,9 @@ class StoredEpochs:
     nav : ndarray, shape (m, 10)
         State of :mod:`sinstool.methods.strapdown.navigation` after feedback, in closed loop;
         without feedback, uncorrected.
-    sensors : ndarray, shape (m, 20)
+    sensors : ndarray, shape (m, 26)
         Estimates fed back so far: gyro bias, accelerometer scale and bias, A, baro bias,
-        gyro scale, misalignment of the gyro axes.
+        gyro scale, misalignment of the axes of gyros and accelerometers.
     restart : ndarray of bool, shape (m,)
         The filter began anew between the row before and this one, or here: a smoother must not
         go across from this row to the one before. This row's `correction` is meaningless.

@@ -18,7 +18,7 @@ from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 
 # rad: after such a turn, errors of gyro axes have done what their sigma says
 TURN = np.pi / 2.0
-# s: gyros whose noise turns an attitude by more in this time do not show how their axes lie
+# s: gyros whose noise turns an attitude by more in this time do not show how the axes lie
 SHOWN_WITHIN = 60.0
 
 Adaptive = Literal["off", "sage-husa", "innovation"]
@@ -279,10 +279,10 @@ class Settings:
 
     @property
     def kind(self) -> FilterKind:
-        """The filter's states: those of the gyro axes only where a log can show them."""
+        """The filter's states: those of misaligned axes only where a log can show them."""
         kind = filter_kind(self.filter)
         shown = self.imu.gyro_misalignment * TURN > self.imu.angle_random_walk * SHOWN_WITHIN**0.5
-        return kind.with_gyro_axes if shown and GYRO_SCALE in kind.blocks else kind
+        return kind.with_axes if shown and GYRO_SCALE in kind.blocks else kind
 
     @property
     def damping(self) -> HeightNetwork:

@@ -50,8 +50,10 @@ from sinstool.methods.ins_gnss.between_rows import (
 from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
 from sinstool.methods.ins_gnss.rts import CORNER, Packed, pack, smooth_backward
 from sinstool.methods.ins_gnss.states import (
+    ACCEL_AXES,
     ACCEL_BIAS,
     ACCEL_SCALE,
+    AXES_PAIRS,
     GYRO_BIAS,
     POSITION,
     VELOCITY,
@@ -294,6 +296,10 @@ def smooth_updates(
     first = kind.first(ACCEL_SCALE)
     if first >= 0:
         force = force * (1.0 - error[:, first : first + 3])
+    first = kind.first(ACCEL_AXES)
+    if first >= 0:
+        for k, (axis, other) in enumerate(AXES_PAIRS):
+            force[:, axis] -= error[:, first + k] * updates.specific_force_b[:, other]
     first = kind.first(ACCEL_BIAS)
     force = force - error[:, first : first + 3]
     first = kind.first(GYRO_BIAS)

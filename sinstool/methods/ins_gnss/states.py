@@ -1,4 +1,4 @@
-"""The 41 error states: their order, their signs, and the filters that leave some out.
+"""The 47 error states: their order, their signs, and the filters that leave some out.
 
 ========  ==============  ========================================================  ==========
 index     name            error                                                     unit
@@ -13,9 +13,10 @@ index     name            error                                                 
 17 - 19   accel bias      the same, body axes                                       m/s^2
 20 - 22   gyro scale      the same, as a fraction                                   1
 23 - 28   gyro axes       the same, of their misalignment: see below                rad
-29 - 31   GNSS position   slow (Markov) error of the fixes, NED                     m
-32 - 34   GNSS velocity   the same, NED                                             m/s
-35 - 40   land vehicle    true less the one used: see below
+29 - 34   accel axes      the same                                                  rad
+35 - 37   GNSS position   slow (Markov) error of the fixes, NED                     m
+38 - 40   GNSS velocity   the same, NED                                             m/s
+41 - 46   land vehicle    true less the one used: see below
 ========  ==============  ========================================================  ==========
 
 A navigation is corrected by taking its errors off; a sensor's bias by adding. ``psi`` is the
@@ -24,9 +25,11 @@ the negative of one of "down". Position errors are lengths, ``(R_M + h) dlat`` a
 ``(R_N + h) cos(lat) dlon``: so all numbers in a covariance are of reasonable size, at any
 latitude.
 
-What a gyro measures of the rates about the other two axes is its misalignment: x of y, x of z,
-y of x, y of z, z of x, z of y. Only filters of Imus whose turns show it have these states:
-:attr:`FilterKind.with_gyro_axes`.
+What a sensor measures along the other two axes is its misalignment: x of y, x of z, y of x, y of
+z, z of x, z of y. Only filters of Imus whose turns show it have these states:
+:attr:`FilterKind.with_axes`. Gyros and accelerometers have them together: in a vehicle that stays
+level a gyro that feels its turns acts as the bias of an accelerometer does, but for the upward
+force as it gains speed, and a misaligned accelerometer feels that as well.
 
 The states of a vehicle that cannot slide are what its constraints are off by: pitch and yaw of the
 mount, rad, of the small rotation in vehicle axes that takes vectors in them as computed to the true
@@ -35,7 +38,7 @@ the body per acceleration, rad/(m/s^2); scale of the wheels' speed, as a fractio
 such a vehicle have them: :attr:`FilterKind.on_wheels`.
 
 States 0 to 9 drive each other ("moving"); all others only decay, and those up to the
-gyro axes drive the moving ones. A filter with fewer states keeps this order and closes
+accelerometers' axes drive the moving ones. A filter with fewer states keeps this order and closes
 the gaps; everything computed works with its numbers of states.
 
 References
@@ -66,10 +69,11 @@ ACCEL_SCALE = 14
 ACCEL_BIAS = 17
 GYRO_SCALE = 20
 GYRO_AXES = 23
-GNSS_POSITION = 29
-GNSS_VELOCITY = 32
-LAND_VEHICLE = 35
-SIZE = 41
+ACCEL_AXES = 29
+GNSS_POSITION = 35
+GNSS_VELOCITY = 38
+LAND_VEHICLE = 41
+SIZE = 47
 MOVING = 10  # of them at most
 # Within the block of the land vehicle
 MOUNT_PITCH, MOUNT_YAW, AXLE, SIDESLIP, SQUAT, WHEEL_SCALE = range(6)
@@ -85,6 +89,7 @@ _BLOCKS = {
     ACCEL_BIAS: 3,
     GYRO_SCALE: 3,
     GYRO_AXES: 6,
+    ACCEL_AXES: 6,
     GNSS_POSITION: 3,
     GNSS_VELOCITY: 3,
     LAND_VEHICLE: 6,
@@ -101,14 +106,14 @@ FilterName = Literal[
     "markov-27",
 ]
 
-# Of each state of the gyro axes: the gyro, and the axis whose rate it feels
+# Of each state of the axes: the sensor, and the axis along which it measures something
 AXES_PAIRS = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 
 # Where the numbers of an index array are: see FilterKind.index.
 I_CORRECTION, I_BARO, I_GYRO_BIAS, I_ACCEL_SCALE, I_ACCEL_BIAS, I_GYRO_SCALE = 0, 1, 2, 3, 4, 5
-I_GYRO_AXES, I_GNSS_POSITION, I_GNSS_VELOCITY, I_LAND_VEHICLE = 6, 7, 8, 9
-I_MOVING, I_COUPLED, I_STATES = 10, 11, 12
-INDEX_SIZE = 13
+I_GYRO_AXES, I_ACCEL_AXES, I_GNSS_POSITION, I_GNSS_VELOCITY, I_LAND_VEHICLE = 6, 7, 8, 9, 10
+I_MOVING, I_COUPLED, I_STATES = 11, 12, 13
+INDEX_SIZE = 14
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,7 @@ class FilterKind:
     Attributes
     ----------
     blocks : tuple of int
-        First index, among the 41, of each block of states that it has.
+        First index, among the 47, of each block of states that it has.
     network : bool
         The barometer damps the vertical channel of the mechanisation.
     correction_row : bool
@@ -135,7 +140,7 @@ class FilterKind:
 
     @cached_property
     def states(self) -> IntArray:
-        """Indices, among the 41, of its states in its own order; shape (n,)."""
+        """Indices, among the 47, of its states in its own order; shape (n,)."""
         return np.concatenate([np.arange(b, b + _BLOCKS[b]) for b in self.blocks])
 
     @property
@@ -154,7 +159,7 @@ class FilterKind:
         if not self.needs_baro:
             return self
         other = FILTERS["markov-27" if GYRO_SCALE in self.blocks else "markov-24"]
-        return other.with_gyro_axes if GYRO_AXES in self.blocks else other
+        return other.with_axes if GYRO_AXES in self.blocks else other
 
     @property
     def on_wheels(self) -> FilterKind:
@@ -162,10 +167,11 @@ class FilterKind:
         return replace(self, blocks=(*self.blocks, LAND_VEHICLE))
 
     @property
-    def with_gyro_axes(self) -> FilterKind:
-        """The same, with the states of gyros that are misaligned, behind those of their scale."""
+    def with_axes(self) -> FilterKind:
+        """The same, with the states of misaligned sensors, behind those of the gyros' scale."""
         behind = self.blocks.index(GYRO_SCALE) + 1
-        return replace(self, blocks=(*self.blocks[:behind], GYRO_AXES, *self.blocks[behind:]))
+        blocks = (*self.blocks[:behind], GYRO_AXES, ACCEL_AXES, *self.blocks[behind:])
+        return replace(self, blocks=blocks)
 
     def first(self, block: int) -> int:
         """Own index of a block's first state; -1 if it has none.
@@ -196,6 +202,7 @@ class FilterKind:
                 ACCEL_BIAS,
                 GYRO_SCALE,
                 GYRO_AXES,
+                ACCEL_AXES,
                 GNSS_POSITION,
                 GNSS_VELOCITY,
                 LAND_VEHICLE,
@@ -208,7 +215,7 @@ class FilterKind:
 
 _VEHICLE = (POSITION, VELOCITY, ATTITUDE)
 _GNSS = (GNSS_POSITION, GNSS_VELOCITY)
-_ALL = tuple(b for b in _BLOCKS if b not in (GYRO_AXES, LAND_VEHICLE))
+_ALL = tuple(b for b in _BLOCKS if b not in (GYRO_AXES, ACCEL_AXES, LAND_VEHICLE))
 _PUBLISHED = tuple(b for b in _ALL if b != GYRO_SCALE)
 
 FILTERS: dict[str, FilterKind] = {

@@ -253,7 +253,8 @@ def imu_noise(config: ProcessConfig, grade: Grade, scale_states: bool = False) -
     if options.sigma_sf is not None:
         changes["accel_scale"] = changes["gyro_scale"] = options.sigma_sf
     if config.filter.sigma_misalignment is not None:
-        changes["gyro_misalignment"] = 1e-3 * config.filter.sigma_misalignment
+        angle = 1e-3 * config.filter.sigma_misalignment
+        changes["gyro_misalignment"] = changes["accel_misalignment"] = angle
     if options.bias_time is not None:
         changes["bias_time_s"] = options.bias_time
         changes["gyro_instability"] = changes.get("gyro_bias", noise.gyro_bias)

@@ -14,7 +14,7 @@ def test_a_restart_admits_what_explains_the_drift():
     nav = initial_state(0.8, 0.1, 300.0, np.zeros(3), from_euler(np.zeros(3)))
     p0 = 1e-6 * np.eye(27)
     vehicle = np.zeros(layout.VEHICLE_SIZE)
-    m = layout.new_memory(nav, np.zeros(18), p0, new_state(), vehicle)
+    m = layout.new_memory(nav, np.zeros(24), p0, new_state(), vehicle)
     m.rejected[:3] = [30.0, -40.0, 5.0]
     gnss._admit_drift(m, 20.0)
     sigma = np.sqrt(np.diag(m.p))

@@ -554,7 +554,10 @@ def test_after_a_long_gap_hardly_anything_is_known():
 
 # --- what errors of the sensors do --------------------------------------------------------
 
-SENSORS = ("gyro_bias", "accel_bias", "gyro_scale", "accel_scale", "gyro_misalignment")
+SENSORS = (
+    "gyro_bias", "accel_bias", "gyro_scale", "accel_scale", "gyro_misalignment",
+    "accel_misalignment",
+)  # fmt: skip
 # Of whole substeps of 13 updates, the shortest that are .25 s: output has the covariance of the
 # latest one
 WHOLE_SUBSTEPS = 116 * 13
@@ -563,15 +566,14 @@ WHOLE_SUBSTEPS = 116 * 13
 def with_error(stated, name, axis, size):
     """Increments of a sensor with one error more.
 
-    Six of misalignment: by the first three a gyro feels the rate about the next axis.
+    Six of misalignment: by the first three a sensor feels what is along the next axis.
     """
     turned, pushed = stated.rotation_vector.copy(), stated.velocity_increment.copy()
     values = turned if name.startswith("gyro") else pushed
-    if name == "gyro_misalignment":
-        gyro, other = axis % 3, (axis + 1 + axis // 3) % 3
-        values[:, gyro] += size * stated.rotation_vector[:, other]
-        return replace(stated, rotation_vector=turned)
-    values[:, axis] += size * (stated.interval if name.endswith("bias") else values[:, axis])
+    if name.endswith("misalignment"):
+        values[:, axis % 3] += size * values[:, (axis + 1 + axis // 3) % 3]
+    else:
+        values[:, axis] += size * (stated.interval if name.endswith("bias") else values[:, axis])
     return replace(stated, rotation_vector=turned, velocity_increment=pushed)
 
 
@@ -598,7 +600,7 @@ def test_each_error_of_a_sensor_spreads_as_the_navigation_with_it_does(name, mot
     flown = Flown()
     stated = motion(flown)
     none = flown.gnss.rows(np.zeros(len(flown.gnss), bool))
-    sizes = dict(zip(SENSORS, (1e-5, 1e-3, 1e-4, 1e-4, 1e-4), strict=True))
+    sizes = dict(zip(SENSORS, (1e-5, 1e-3, 1e-4, 1e-4, 1e-4, 1e-4), strict=True))
     quiet = {"angle_random_walk": 1e-12, "velocity_random_walk": 1e-12, "bias_time_s": 1e9}
     quiet |= {other: 1e-3 * sizes[other] for other in SENSORS}
     sharp = replace(
@@ -615,7 +617,7 @@ def test_each_error_of_a_sensor_spreads_as_the_navigation_with_it_does(name, mot
 
     made, least = navigated(stated, **{name: sizes[name]}), navigated(stated)
     meridian, transverse = earth.radii_of_curvature(made.latitude[-1])
-    count = 6 if name == "gyro_misalignment" else 3
+    count = 6 if name.endswith("misalignment") else 3
     moved = np.empty((9, count))
     for axis in range(count):
         low, high = (navigated(with_error(stated, name, axis, s * sizes[name])) for s in (-1, 1))

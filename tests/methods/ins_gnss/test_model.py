@@ -25,6 +25,7 @@ from sinstool.methods.height.layout import (
 from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.ins_gnss.model import baro_correction, error_rates, radii, transition
 from sinstool.methods.ins_gnss.states import (
+    ACCEL_AXES,
     ACCEL_BIAS,
     ACCEL_SCALE,
     AXES_PAIRS,
@@ -40,9 +41,9 @@ from sinstool.methods.ins_gnss.states import (
 )
 from sinstool.methods.strapdown import navigation
 
-FULL = FILTERS["network-29a"].with_gyro_axes
+FULL = FILTERS["network-29a"].with_axes
 SIZE = FULL.size
-DRIVING = GYRO_AXES + 6  # states that drive the moving ones
+DRIVING = ACCEL_AXES + 6  # states that drive the moving ones
 
 # latitude, height, velocity, roll pitch heading, rate, specific force
 MOTIONS = [
@@ -110,9 +111,10 @@ def propagated(motion, x, dt):
         *q,
     ]
     turn = [(rate[i] * (1 + x[GYRO_SCALE + i]) + x[GYRO_BIAS + i]) * dt for i in range(3)]
+    push = [(force[i] * (1 + x[ACCEL_SCALE + i]) + x[ACCEL_BIAS + i]) * dt for i in range(3)]
     for k, (i, other) in enumerate(AXES_PAIRS):
         turn[i] += rate[other] * x[GYRO_AXES + k] * dt
-    push = [(force[i] * (1 + x[ACCEL_SCALE + i]) + x[ACCEL_BIAS + i]) * dt for i in range(3)]
+        push[i] += force[other] * x[ACCEL_AXES + k] * dt
     exact_step(state, turn, push, dt, x[CORRECTION])
     return state
 
@@ -155,7 +157,8 @@ def rates(motion, kind=FULL, gains=(0.0, 0.0, 0.0)):
     index = kind.index
     out = np.full((index[I_MOVING], index[I_STATES]), np.nan)
     means = [2.0 * c, 2.0 * c * np.array(force), 2.0 * c * np.array(rate)]
-    means.append(np.stack([2.0 * c[:, i] * rate[k] for i, k in AXES_PAIRS], axis=1))
+    across = [2.0 * c[:, i] * of[k] for of in (rate, force) for i, k in AXES_PAIRS]
+    means.append(np.stack(across, axis=1))
     error_rates(index, lat, h, *v, *means, 0.5, *gains, out)
     return out
 
@@ -179,7 +182,7 @@ def test_radii():
     assert (rm, rn) == pytest.approx((meridian + 1234.0, transverse + 1234.0), rel=1e-15)
 
 
-@pytest.mark.parametrize("kind", [*FILTERS.values(), FILTERS["markov-27"].with_gyro_axes])
+@pytest.mark.parametrize("kind", [*FILTERS.values(), FILTERS["markov-27"].with_axes])
 def test_smaller_filters_have_parts_of_f(kind):
     gains = (0.1, 0.02, 0.001) if kind.network else (0.0, 0.0, 0.0)
     full = rates(MOTIONS[0], gains=gains)

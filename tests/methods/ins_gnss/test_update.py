@@ -21,7 +21,7 @@ def a_measurement(rows, tilt=1e-3, seed=3):
     root[ATTITUDE : ATTITUDE + 2] *= tilt
     root[ATTITUDE + 2] *= NO_HEADING
     p, x = root @ root.T, random.standard_normal(N)
-    m = layout.new_memory(nav, np.zeros(18), p, new_state(), np.zeros(layout.VEHICLE_SIZE))
+    m = layout.new_memory(nav, np.zeros(24), p, new_state(), np.zeros(layout.VEHICLE_SIZE))
     h, nu = random.standard_normal((rows, N)), random.standard_normal(rows)
     r = random.uniform(0.5, 20.0, rows)
     m.h[:rows, :N], m.nu[:rows], m.r[:rows], m.x[:N] = h, nu, r, x

@@ -30,7 +30,7 @@ NOISIER = 3.0
 # Times the biases of a navigation grade that one judged by its noise may have: data sheets of such
 # noise lie a factor of ten and more apart.
 OPEN_BIAS = 3.0
-OPEN_BY_DRIFT = ("gyro_bias", "accel_bias", "gyro_misalignment")
+OPEN_BY_DRIFT = ("gyro_bias", "accel_bias", "gyro_misalignment", "accel_misalignment")
 OPEN = ("gyro_bias", "gyro_instability", "accel_bias", "accel_instability")
 # Slow error of a barometer, m, and its correlation time: weather, temperature, a cabin.
 AIR_SIGMA, AIR_TIME_S = 10.0, 500.0
