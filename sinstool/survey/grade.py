@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 COARSE = 2.0
 REST_S = 30.0  # of a rest whose mean is believed
 BRIEF_REST_S = 10.0  # and of one that it is believed of where no GNSS may show otherwise
+CHANCE_SIGMAS = 2.0  # of the noise of a rest's mean: what may be chance
 # Gyros with the noise of tactical or navigation grade may be MEMS, or badly calibrated,
 # but no data sheet allows them a bias beyond this, rad/s.
 LARGEST_BIAS: dict[Grade, float] = {"tactical": 5e-3, "navigation": 1e-3}
@@ -139,12 +140,13 @@ def bias_at_rest(source: Source) -> float | None:
 
     The longest rest of half a minute at which GNSS, where the log has it, does not move; None
     where there is none. Steady flight, which passes for rest, does not count. In a log without GNSS
-    shorter rests count, too, less what the noise of each makes of its mean: of all of them the
-    smallest rate, as one or the other may be a turn.
+    shorter rests count, too: of all of them the smallest rate, as one or the other may be a turn.
+    What the noise of a rest makes of its mean, an idling engine's above all, is no bias.
     """
     still = longest_rest(source.survey.spans, source.aiding.gnss)
     if still is not None and still.duration_s >= REST_S:
-        return max(0.0, float(np.linalg.norm(still.gyro)) - EARTH_RATE)
+        by_chance = CHANCE_SIGMAS * still.gyro_std / np.sqrt(still.samples)
+        return max(0.0, float(np.linalg.norm(still.gyro)) - EARTH_RATE - by_chance)
     if source.aiding.gnss is not None:
         return None
     rates = [
@@ -160,8 +162,8 @@ def _small_bias(source: Source) -> bool:
     still = longest_rest(source.survey.spans, source.aiding.gnss)
     if still is None:
         return False
-    noise = still.gyro_std / np.sqrt(still.samples)
-    most = max(0.0, float(np.linalg.norm(still.gyro)) - EARTH_RATE) + 2.0 * noise
+    by_chance = CHANCE_SIGMAS * still.gyro_std / np.sqrt(still.samples)
+    most = max(0.0, float(np.linalg.norm(still.gyro)) - EARTH_RATE) + by_chance
     return bool(most <= 2.0 * LIKELY * IMU_GRADES["tactical"].gyro_bias)
 
 
@@ -194,7 +196,7 @@ def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     shown = walk / DEGREE_PER_ROOT_HOUR
     grade, why = grade_by_noise(walk), f"by its gyro noise {where}, {shown:.2g} deg/sqrt(h)"
     bias = bias_at_rest(source)
-    if bias is None and measured is None and grade == "tactical" and not _small_bias(source):
+    if not bias and measured is None and grade == "tactical" and not _small_bias(source):
         # Calibrated MEMS have its noise, and biases tens of times those of a tactical gyro
         return ImuGrade("industrial", f"{why}, as no rest shows its bias to be small")
     lower = grade if bias is None else grade_by_bias(grade, bias)
