@@ -47,6 +47,7 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
     summed,
     vehicle_of,
 )
+from sinstool.pipelines.process.ins_gnss.denied_start import denials
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.receiver import USUAL_SIGMA_V
 from sinstool.pipelines.process.ins_gnss.start import timed_start
@@ -482,7 +483,7 @@ class FilterRun(Mode):
             )
         vehicle, used = vehicle_of(self._stretches)
         findings += vehicle.findings(used)
-        findings += [*self._diagnosis(), *trust.doubted_start(p, self.source.findings)]
+        findings += [*self._diagnosis(), *denials(p, self.source.findings)]
         if self._gnss:
             first_ns = self.source.survey.first_ns
             findings += trust.untrusted(
