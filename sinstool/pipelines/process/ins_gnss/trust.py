@@ -11,8 +11,6 @@ from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
 
-# What a latency may be off by, over the fixes' own noise, that is worth a warning.
-WORSE_THAN_FIXES = 5.0
 TOGETHER_NS = 60 * SECOND  # stretches nearer to each other than this are one
 MOST_NAMED = 5
 # Fixes that the gate may turn down before the filter, and not they, must be taken for wrong.
@@ -20,11 +18,6 @@ MOST_REJECTED = 0.2
 LEAST_FIXES = 20
 # Innovations squared over what was expected: beyond these the sigmas say nothing.
 LEAST_NIS, MOST_NIS = 0.05, 5.0
-
-
-def shift(seconds: float, positive: str, negative: str) -> str:
-    """A time difference in words: its size, and a word for its sign."""
-    return f"{abs(seconds):.3f} s {positive if seconds > 0.0 else negative}"
 
 
 def untrusted(
@@ -93,29 +86,6 @@ def untrusted(
             )
         )
     return findings
-
-
-def late_or_early(largest_m: float, sigma_s: float, fix_sigma_m: float) -> list[Finding]:
-    """Positions that an uncertain latency makes much less certain than the fixes are.
-
-    Parameters
-    ----------
-    largest_m, sigma_s : float
-        What the latency's sigma is worth at the highest speed, and that sigma.
-    fix_sigma_m : float
-        Of a fix.
-    """
-    if largest_m <= WORSE_THAN_FIXES * fix_sigma_m:
-        return []
-    return [
-        Finding(
-            "latency-uncertain",
-            f"the log shows the latency of GNSS to {1e3 * sigma_s:.0f} ms only, by which positions"
-            f" are up to {largest_m:.2g} m early or late (1 sigma), however good the fixes are",
-            answer="give --gnss-latency",
-            numbers={"sigma_s": sigma_s, "position_m": largest_m},
-        )
-    ]
 
 
 def doubts(
