@@ -146,7 +146,8 @@ def run(
     hidden = np.zeros(len(data.gnss), bool) if withheld is None else withheld
     if start is None:
         usable = StartFixes.of(data.gnss.rows(~hidden), settings.gnss)
-        first, time_ns, how, _ = find_start(data.source, data.config, settings, usable)
+        found = find_start(data.source, data.config, settings, usable)
+        first, time_ns, how = found.start, found.time_ns, found.how
     else:
         (first, time_ns), how = start, "given"
     tic = time.perf_counter()

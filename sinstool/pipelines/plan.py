@@ -406,7 +406,7 @@ def _magnetometer(
 
 def _filter_start(source: Source, config: ProcessConfig) -> FilterStart:
     # The filter takes longer to import than most logs without GNSS to process.
-    from sinstool.pipelines.process.ins_gnss.start import first_start
+    from sinstool.pipelines.process.ins_gnss.first_start import first_start
 
     return first_start(source, config)
 

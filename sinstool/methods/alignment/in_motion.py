@@ -19,20 +19,19 @@ from sinstool.core.streams import GnssEpochs, Imu, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flight
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
-from sinstool.methods.alignment.level_bias import level_bias
+from sinstool.methods.alignment.level_bias import MOST_S, MOVING_M_S, level_bias
 from sinstool.methods.alignment.preparation import MIN_POSITION_SPAN_S, prepare_fixes
 from sinstool.methods.alignment.solution import carried
 from sinstool.methods.sensor_errors import SensorGrade
 
 # Without a gate, alignment begins when the vehicle does, and takes this much at first. A walker
-# who is never so fast for long begins at a lower speed.
-MOVING_M_S = 2.0
+# who is never fast for long begins at a lower speed.
 SLOW_M_S = (1.0, 0.5)
 BEFORE_S = 5.0
 SPANS_S = (200.0, 600.0)
 # Spans over which a gyro bias of 0.5 deg/s leaves the attitude good enough for the refinement,
-# which then gives the bias.
-SHORT_S = (15.0, 25.0, 40.0, 70.0, 120.0)
+# which then gives the bias. The longest is what a level vehicle shows its bias over.
+SHORT_S = (15.0, 25.0, 40.0, 70.0, MOST_S)
 # A bias of more sigmas than these is taken off, and alignment begins anew, so many times at most:
 # the refinement is linear.
 SURPRISE = 1.0

@@ -13,10 +13,10 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.inflight_types import GnssFixes
 
-# Fixes so fast say where the vehicle goes.
-FAST_M_S = 2.0
+# Fixes so fast are of a vehicle that moves, and say where it goes.
+MOVING_M_S = 2.0
 # From the beginning so much is used, at most and at least, s.
-FOR_S = 120.0
+MOST_S = 120.0
 LEAST_S = 15.0
 # What the mean turn of a vehicle that stays about level is off by as a gyro bias at least, rad/s.
 LEVEL_SIGMA = 0.1 * DEGREE
@@ -38,7 +38,7 @@ def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> tuple[FloatArray, f
     fixes : GnssFixes
         With velocity; those faster than a walk say where the vehicle goes.
     begin_ns : int
-        Of the alignment; two minutes from there are used.
+        Of the alignment; `MOST_S` from there are used.
 
     Returns
     -------
@@ -49,8 +49,8 @@ def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> tuple[FloatArray, f
     None
         Where the course is not known for long enough, or the vehicle goes in any direction.
     """
-    fast = np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > FAST_M_S
-    end_ns = begin_ns + round(FOR_S * SECOND)
+    fast = np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > MOVING_M_S
+    end_ns = begin_ns + round(MOST_S * SECOND)
     fast &= (fixes.time_ns >= begin_ns) & (fixes.time_ns <= min(end_ns, imu.time_ns[-1]))
     time_ns, velocity = fixes.time_ns[fast], fixes.velocity_n[fast]
     if not len(time_ns) or time_ns[-1] - time_ns[0] < LEAST_S * SECOND:

@@ -170,20 +170,12 @@ def in_flight(
         It cannot be had: with the reasons.
     """
     grade = sensor_grade(source, config).grade
-    from sinstool.pipelines.align.in_motion import LATER_S, align_moving
+    from sinstool.methods.alignment.inflight_types import REFUSE_SIGMA
+    from sinstool.pipelines.align.in_motion import align_moving
 
-    moving: MotionAlignment | None = None
-    try:
-        moving = align_moving(
-            source, config, grade, method, "start", gnss, later_s=LATER_S if time_ns is None else ()
-        )
-    except AlignmentError:
-        if time_ns is None:
-            raise
-    if time_ns is not None and (moving is None or not moving.good):
-        # What nobody corrects must be known better, but a filter learns the rest of the heading
-        moving = align_moving(source, config, grade, method, "start", gnss, FILTER_SIGMA)
-    assert moving is not None
+    # What nobody corrects must be known better, but a filter learns the rest of the heading
+    refused = REFUSE_SIGMA if time_ns is None else FILTER_SIGMA
+    moving = align_moving(source, config, grade, method, "start", gnss, refused)
     result = moving.result
     if result.status in ("failed", "unobservable"):
         reasons = "; ".join(result.warnings) or "no reason is known"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -56,7 +56,6 @@ def align_moving(
     at: str | int,
     gnss: GnssEpochs | None = None,
     refuse_sigma: float = REFUSE_SIGMA,
-    later_s: Sequence[float] = LATER_S,
 ) -> MotionAlignment:
     """Align a log's vehicle in motion.
 
@@ -74,8 +73,6 @@ def align_moving(
         Instead of those of the log.
     refuse_sigma : float
         About its worst axis, rad: an attitude that is less certain is not given.
-    later_s : sequence of float
-        Beginnings that are tried, one after the other, s after the first.
 
     Returns
     -------
@@ -107,11 +104,13 @@ def align_moving(
         start = in_motion.first_motion(fixes, first, still)
         if start is not None:
             last = int(fixes.time_ns[-1]) if end is None else end
-            later = [ns for s in later_s if (ns := start + round(s * SECOND)) < last]
+            later = [ns for s in LATER_S if (ns := start + round(s * SECOND)) < last]
     errors = sensor_errors(config, grade, at_rest, random_walk(source, REST_S) or 0.0)
     doubtful = grade == "mems" and not at_rest and options.sigma_bg is None
 
-    def begun(begin: int | None, notes: tuple[str, ...]) -> MotionAlignment:
+    def begun(
+        begin: int | None, notes: tuple[str, ...], sigma: float = refuse_sigma
+    ) -> MotionAlignment:
         settings = _settings(config, errors, method, gate, at, begin, survey)
         return align_in_motion(
             SpanReader(
@@ -121,13 +120,20 @@ def align_moving(
             config.input.sample_kind,
             _interval_ns(source) / SECOND,
             fixes,
-            replace(settings, refuse_sigma=refuse_sigma),
+            replace(settings, refuse_sigma=sigma),
             bias,
             in_motion.spans(gate, begin, end, first, int(fixes.time_ns[-1])),
             UNKNOWN_BIAS if doubtful else None,
             notes,
         )
 
+    if doubtful and refuse_sigma > REFUSE_SIGMA:
+        # Another gyro bias is sought where an answer is not good: what passes for good decides.
+        # Elsewhere a sure answer is the same, whatever is refused.
+        with suppress(AlignmentError):
+            sure = begun(start, notes, REFUSE_SIGMA)
+            if sure.good:
+                return sure
     try:
         moving = begun(start, notes)
     except AlignmentError as exc:

@@ -117,7 +117,10 @@ def _carry_out(
     outcome = mode.conclude(written.last, sink)
     written.complete()
     lost = Lost.of(source)
-    findings = (*source.findings, *plan.findings, *left_out, *outcome.findings, *lost.findings())
+    # What the run says of a thing holds what the survey said of it
+    said = {(finding.kind, finding.topic) for finding in outcome.findings}
+    survey = (f for f in source.findings if (f.kind, f.topic) not in said)
+    findings = (*survey, *plan.findings, *left_out, *outcome.findings, *lost.findings())
     input_file, output_file = written.finish(findings)
     return ProcessResult(
         input=input_file,

@@ -148,7 +148,9 @@ def test_quiet_gyros_in_steady_motion_do_not_show_north(tmp_path, seed):
 
 
 @pytest.mark.parametrize(("seed", "seconds"), [(5, 180), (7, 120)])
-def test_alignment_begins_later_where_the_first_motion_shows_nothing(tmp_path, seed, seconds):
+def test_alignment_begins_later_where_the_first_motion_shows_nothing(
+    tmp_path, monkeypatch, seed, seconds
+):
     """An aircraft that flies straight for minutes: cheap gyros do not last until its first turn."""
     truth = straight_flight(seed)
     consumer = unseen_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
@@ -159,7 +161,9 @@ def test_alignment_begins_later_where_the_first_motion_shows_nothing(tmp_path, s
     told = build(ProcessConfig, groups | {"in_flight": {"align_start": 1.0}})
     with open_log(log) as opened:
         source = prepare(opened, config)
-        assert not align_moving(source, config, "mems", "svd", "end", later_s=()).good
+        with monkeypatch.context() as patch:
+            patch.setattr(f"{MODULE}.LATER_S", ())
+            assert not align_moving(source, config, "mems", "svd", "end").good
         # who says when to begin is believed
         assert not align_moving(source, told, "mems", "svd", "end").good
         made = align_moving(source, config, "mems", "svd", "end")

@@ -133,7 +133,7 @@ def _start_within(
     fixes = like.used.rows((valid_ns >= first_ns) & (valid_ns <= last_ns))
     try:
         part = part_of(source, config, first_ns, last_ns + 1)
-        start, time_ns, how, notes = find_start(
+        found = find_start(
             part,
             to_align_as(config, like.grade),
             like.settings,
@@ -142,8 +142,8 @@ def _start_within(
     except (AlignmentError, DataError) as exc:
         log_choice("start between gaps", f"none found: {exc}")
         return None
-    log_choice("start between gaps", how)
-    return replace(like, start=start, time_ns=time_ns, how=how, attitude_warnings=notes)
+    log_choice("start between gaps", found.how)
+    return like.at(found)
 
 
 def _gaps(source: Source, settings: Settings) -> list[tuple[int, int]]:
@@ -206,9 +206,10 @@ def start_after_gap(
         else:
             # Fixes may return long after the Imu does; those just before show velocities at its end
             after = first.gnss.rows((valid_ns >= begin_ns - JUST_BEFORE_NS) & ~first.withheld)
-            start, time_ns, how, _ = find_start(
+            found = find_start(
                 part, here, first.settings, StartFixes.of(after, first.settings.gnss)
             )
+            start, time_ns, how = found.start, found.time_ns, found.how
             if trusted:
                 start = _with_sensors(start, run, first.settings, gap_s)
     except (AlignmentError, DataError) as exc:

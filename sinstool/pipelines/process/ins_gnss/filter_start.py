@@ -8,20 +8,46 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray
+from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.result import compass
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
+from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height.pressure import HeightReference
 from sinstool.methods.ins_gnss.receiver_offsets import LATENCY_S, ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.pipelines.process.ins_gnss.first_state import FoundStart
 from sinstool.pipelines.process.summary import FirstAttitude
 from sinstool.survey.grade import ImuGrade
 
 # A heading more certain than this is good, deg.
 GOOD_HEADING = 5.0
+
+
+@dataclass(frozen=True)
+class WhiteNoise:
+    """White noise of fixes as a log shows it.
+
+    Attributes
+    ----------
+    position, velocity : tuple of float
+        Horizontal (of one axis) and vertical, m and m/s; NaN where too few fixes show it.
+    start, settings, usual
+        Of the filter's run that showed it, and which fixes took part, shape (n,).
+    """
+
+    position: tuple[float, float]
+    velocity: tuple[float, float]
+    start: Start
+    settings: Settings
+    usual: BoolArray
+
+    def is_of(self, start: Start, settings: Settings, usual: BoolArray) -> bool:
+        """Whether a run from such a start shows no other."""
+        same = start is self.start and settings == self.settings
+        return same and np.array_equal(usual, self.usual)
 
 
 @dataclass(frozen=True)
@@ -34,6 +60,8 @@ class FilterStart:
         An Imu sample's: the first update of the filter begins there.
     how : str
         Where the start comes from, in words.
+    alignment : Alignment
+        The first attitude that it comes from.
     gnss : GnssEpochs
         Valid `settings.gnss_latency` before their stamps.
     withheld : ndarray of bool
@@ -46,8 +74,10 @@ class FilterStart:
         ``given`` by the user; ``not settled`` where what the log shows is not what is used.
     lag : float
         By which velocities are taken to be stamped later than positions, s.
-    warnings, attitude_warnings : tuple of str
-        About settings and measurements, and about how the attitude was found.
+    warnings : tuple of str
+        About settings and measurements.
+    white : WhiteNoise, optional
+        Of the fixes, as the log shows it from here or from the start before.
     noisier : tuple of float, optional
         How many times as noisy as the receiver says positions are, horizontally and vertically.
     velocity_noise : tuple of float, optional
@@ -73,6 +103,7 @@ class FilterStart:
     start: Start
     time_ns: int
     how: str
+    alignment: Alignment
     gnss: GnssEpochs
     withheld: np.ndarray
     reference: HeightReference | None
@@ -82,7 +113,7 @@ class FilterStart:
     grade: ImuGrade
     gnss_why: str
     warnings: tuple[str, ...]
-    attitude_warnings: tuple[str, ...]
+    white: WhiteNoise | None = None
     noisier: tuple[float, float] = (1.0, 1.0)
     velocity_noise: tuple[float, float] = (np.nan, np.nan)
     noisier_velocity: tuple[float, float] = (1.0, 1.0)
@@ -95,6 +126,34 @@ class FilterStart:
     def used(self) -> GnssEpochs:
         """Epochs that are not withheld."""
         return self.gnss.rows(~self.withheld)
+
+    @property
+    def attitude_warnings(self) -> tuple[str, ...]:
+        """About how the attitude was found."""
+        return self.alignment.warnings
+
+    def at(self, found: FoundStart) -> FilterStart:
+        """The same filter from another start."""
+        return replace(
+            self,
+            start=found.start,
+            time_ns=found.time_ns,
+            how=found.how,
+            alignment=found.alignment,
+        )
+
+    @property
+    def by_the_fixes(self) -> FilterStart:
+        """With estimated lever arm and latency, lest wrong options be blamed on the Imu."""
+        shown, settings = self.offsets, self.settings
+        if shown is None:
+            return self
+        if shown.arm_contradicts:
+            x, y, z = shown.arm_b.tolist()
+            settings = replace(settings, lever_arm_b=(x, y, z))
+        if shown.latency_contradicts(settings.gnss_latency):
+            settings = replace(settings, gnss_latency=shown.latency_s)
+        return replace(self, settings=settings)
 
     def used_until(self, time_ns: int) -> GnssEpochs:
         """Those that are valid up to a time, for runs that end there."""

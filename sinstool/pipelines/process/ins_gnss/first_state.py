@@ -49,64 +49,47 @@ class StartFixes:
         return cls(gnss, gnss.rows(~rough_fixes(gnss.time_ns, sigma)))
 
 
+@dataclass(frozen=True)
+class FoundStart:
+    """A start of a filter, and its first attitude.
+
+    Attributes
+    ----------
+    time_ns : int
+        A sample's.
+    how : str
+        Where the attitude comes from, in words.
+    """
+
+    start: Start
+    time_ns: int
+    how: str
+    alignment: Alignment
+
+
 def find_start(
-    source: Source, config: ProcessConfig, settings: Settings, fixes: StartFixes
-) -> tuple[Start, int, str, tuple[str, ...]]:
+    source: Source,
+    config: ProcessConfig,
+    settings: Settings,
+    fixes: StartFixes,
+    aligned: Alignment | None = None,
+) -> FoundStart:
     """Start of the filter: by the alignment of the options, else by motion.
 
     Parameters
     ----------
     fixes : StartFixes
         Valid `settings.gnss_latency` before their stamps.
-
-    Returns
-    -------
-    start : Start
-    time_ns : int
-        A sample's.
-    how : str
-        Where the attitude comes from, in words.
-    warnings : tuple of str
+    aligned : Alignment, optional
+        The first attitude, where it is known.
 
     Raises
     ------
     AlignmentError
     """
     path = source.path
-    options: dict[str, Any] = {
-        "gnss": config.gnss.model_copy(
-            update={"gnss_latency": settings.gnss_latency, "lever_arm": settings.lever_arm_b}
-        )
-    }
-    if config.align.align == "auto" and config.in_flight.gate == "auto":
-        # The sooner the better: a filter cannot wait until a launched vehicle flies calmly.
-        options["in_flight"] = config.in_flight.model_copy(update={"gate": "off"})
-    config = config.model_copy(update=options)
-    gnss, shown = fixes.gnss, fixes.shown
     try:
-        method: str = "svd" if config.align.align == "auto" else config.align.align
-        if method in IN_FLIGHT:
-            late = round(settings.gnss_latency * SECOND)
-            # A start at a fix that is off is off by as much, and by a velocity of as much
-            valid = shown.time_ns[shown.has_position] - late
-            first = _sample(source, config, int(valid[0]) if len(valid) else 0)
-            whole = shown.time_ns[shown.has_position & shown.has_velocity] - late
-            alignment = in_flight(source, config, method, shown, int(first.time_ns[0]), whole)
-        else:
-            alignment = align(source, config)
-            if alignment.bias_source == "none" and config.align.gyro_bias == "still":
-                alignment = with_bias_in_motion(alignment, source, config, gnss)
-        if not alignment.north_referenced:
-            if config.align.align == "auto":
-                raise AlignmentError(
-                    "motion and GNSS do not show heading, and the filter needs it",
-                    "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING, or, where"
-                    " gyros measure the Earth's rotation at rest, use --align gyrocompass",
-                )
-            raise AlignmentError(
-                f"--align {alignment.method} gives no heading, and the filter needs one",
-                "leave --align out, or use svd, gyrocompass, log or fixed",
-            )
+        alignment = aligned or _aligned(source, config, settings, fixes)
         covariance, bias_sigma = _covariance(alignment), alignment.gyro_bias_sigma
         if bias_sigma is None and alignment.bias_source != "none":
             bias_sigma = settings.imu.gyro_instability
@@ -115,7 +98,7 @@ def find_start(
             int(sample.time_ns[0]),
             alignment.q_nb,
             covariance,
-            gnss,
+            fixes.gnss,
             settings,
             omega_eb_b=sample.gyro[0] - alignment.gyro_bias,
             gyro_bias=alignment.gyro_bias,
@@ -131,7 +114,47 @@ def find_start(
                 " --imu-grade"
             )
         raise AlignmentError(message, hint) from exc
-    return start, int(sample.time_ns[0]), _how(alignment, covariance), alignment.warnings
+    return FoundStart(start, int(sample.time_ns[0]), _how(alignment, covariance), alignment)
+
+
+def _aligned(
+    source: Source, config: ProcessConfig, settings: Settings, fixes: StartFixes
+) -> Alignment:
+    """First attitude with heading, whatever the Imu is taken for beyond its grade."""
+    options: dict[str, Any] = {
+        "gnss": config.gnss.model_copy(
+            update={"gnss_latency": settings.gnss_latency, "lever_arm": settings.lever_arm_b}
+        )
+    }
+    if config.align.align == "auto" and config.in_flight.gate == "auto":
+        # The sooner the better: a filter cannot wait until a launched vehicle flies calmly.
+        options["in_flight"] = config.in_flight.model_copy(update={"gate": "off"})
+    config = config.model_copy(update=options)
+    gnss, shown = fixes.gnss, fixes.shown
+    method: str = "svd" if config.align.align == "auto" else config.align.align
+    if method in IN_FLIGHT:
+        late = round(settings.gnss_latency * SECOND)
+        # A start at a fix that is off is off by as much, and by a velocity of as much
+        valid = shown.time_ns[shown.has_position] - late
+        first = _sample(source, config, int(valid[0]) if len(valid) else 0)
+        whole = shown.time_ns[shown.has_position & shown.has_velocity] - late
+        alignment = in_flight(source, config, method, shown, int(first.time_ns[0]), whole)
+    else:
+        alignment = align(source, config)
+        if alignment.bias_source == "none" and config.align.gyro_bias == "still":
+            alignment = with_bias_in_motion(alignment, source, config, gnss)
+    if alignment.north_referenced:
+        return alignment
+    if config.align.align == "auto":
+        raise AlignmentError(
+            "motion and GNSS do not show heading, and the filter needs it",
+            "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING, or, where"
+            " gyros measure the Earth's rotation at rest, use --align gyrocompass",
+        )
+    raise AlignmentError(
+        f"--align {alignment.method} gives no heading, and the filter needs one",
+        "leave --align out, or use svd, gyrocompass, log or fixed",
+    )
 
 
 def _sample(source: Source, config: ProcessConfig, time_ns: int) -> Imu:

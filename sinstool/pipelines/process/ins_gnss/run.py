@@ -31,7 +31,7 @@ from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.height import Damping, height_warnings
-from sinstool.pipelines.process.ins_gnss import trust
+from sinstool.pipelines.process.ins_gnss import settings_used, trust
 from sinstool.pipelines.process.ins_gnss.before_start import (
     before_start,
     before_start_text,
@@ -47,8 +47,8 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
     summed,
     vehicle_of,
 )
+from sinstool.pipelines.process.ins_gnss.denied_start import denials
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
-from sinstool.pipelines.process.ins_gnss.receiver import USUAL_SIGMA_V
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions, find_vehicle
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
@@ -305,7 +305,7 @@ class FilterRun(Mode):
         updates = concatenate(self._first) if not restarts else self._plain_first()
         fixes = p.used_until(int(updates.time_ns[-1]))
         findings = diagnose(p.start, updates, gnss, fixes, p.settings, restarts, p.offsets)
-        return [self._completed(f) for f in findings if self._matters(f)]
+        return settings_used.about_options(findings, p, self.config)
 
     def _plain_first(self) -> UpdateColumns:
         """Updates of the first minutes, by a filter whose restarts do not escalate."""
@@ -319,24 +319,6 @@ class FilterRun(Mode):
             made.append(run.push(increments, **columns).updates)
             columns = {}
         return concatenate([updates for updates in made if updates is not None])
-
-    def _completed(self, finding: Finding) -> Finding:
-        """A finding of Imu noise, with the other cause of it: too small a noise of the fixes."""
-        if finding.kind != "imu-noise" or self.config.filter.gnss_noise_scale >= 1.0:
-            return finding
-        more = "; or --gnss-noise-scale is too small"
-        return replace(finding, answer=finding.answer + more)
-
-    def _matters(self, finding: Finding) -> bool:
-        """Whether a finding is about an option, so that the user can put it right."""
-        gnss, options = self.config.gnss, self.config.filter
-        if finding.kind == "latency":
-            return self._start.latency_status == "given"
-        if finding.kind == "gnss-noise" and finding.numbers["sigma_ratio"] < 1.0:
-            # Receivers that filter their fixes claim more than the noise that is left in them
-            stated = options.gnss_sigma is not None or gnss.gnss_sigma_v != USUAL_SIGMA_V
-            return stated or options.gnss_noise_scale > 1.0
-        return True
 
     def _solution(self, u: UpdateColumns, log_time: np.ndarray) -> Solution:
         vertical = None
@@ -446,43 +428,14 @@ class FilterRun(Mode):
 
         if self.plan.algorithm.caveat:
             note("coning", self.plan.algorithm.caveat)
-        if s.fell_back:
-            note(
-                "no-barometer",
-                f"the log has no barometer, so {self.config.filter.filter} runs without its"
-                f" damping network, as {s.filter}",
-                Severity.NOTE,
-            )
-        if p.offsets is not None and p.latency_status == "found" and p.settings.gnss_latency != 0.0:
-            note(
-                "latency-used",
-                f"fixes are valid {trust.shift(p.settings.gnss_latency, 'before', 'after')} their"
-                f" stamps (sigma {p.offsets.sigma_s:.4f} s) and are used so; see --gnss-latency",
-            )
-        noise = np.hypot(p.settings.gnss.position_white, p.settings.gnss.position_markov)
-        if p.latency_status != "given":
-            sigma = float(np.sqrt(p.offsets_error[0, 0]))
-            findings += trust.late_or_early(self._offsets_error.largest_m, sigma, float(noise[0]))
-        if p.lag != 0.0 and self.config.filter.gnss_velocity_lag is None:
-            note(
-                "velocity-lag-used",
-                f"the receiver's velocities are stamped {trust.shift(p.lag, 'later', 'earlier')}"
-                " than its positions, and both are used at their own times; --gnss-velocity-lag"
-                " overrides this",
-            )
+        findings += settings_used.notes(p, s, self.config, self._offsets_error.largest_m)
         before = (p.time_ns - self.source.survey.first_ns) / SECOND
         if before > 0.0:
             without = (self._first_ns - self.source.survey.first_ns) / SECOND
             note("before-start", before_start_text(without, before))
-        if self.config.filter.filter == "plain-15":
-            note(
-                "white-fixes",
-                "plain-15 treats errors of fixes as white noise: if they vary slowly, its"
-                " position sigmas are several times too small, and innovations do not show it",
-            )
         vehicle, used = vehicle_of(self._stretches)
         findings += vehicle.findings(used)
-        findings += [*self._diagnosis(), *trust.doubted_start(p, self.source.findings)]
+        findings += [*self._diagnosis(), *denials(p, self.source.findings)]
         if self._gnss:
             first_ns = self.source.survey.first_ns
             findings += trust.untrusted(

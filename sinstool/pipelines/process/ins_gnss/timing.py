@@ -9,8 +9,8 @@ the mean of both, so that positions are valid at ``stamp - latency + lag/2`` and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,6 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
-from sinstool.core.rotation import conjugate, log, multiply
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -27,7 +26,7 @@ from sinstool.methods.ins_gnss.fix_velocity import outlying, velocity_lag, worse
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.methods.strapdown.velocity import Increments
-from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, WhiteNoise
 from sinstool.survey.increments import first_increments
 from sinstool.survey.source import Source
 
@@ -48,8 +47,6 @@ MISFIT = 4.0
 BACK, FURTHER, JUMPED = -0.5, 1.0, 5.0
 LATENCIES = np.arange(-0.1, 0.26, 0.02)
 NEARER = 0.005 * np.arange(-3, 4)
-# Of the time that attitudes of two filters are compared, they are no further apart, %.
-MOST_OF_IT = 90.0
 LEAST_LAG_S = 0.02
 LAG_SIGMAS = 6.0
 # Assumed while positions at wrong times must not spoil the biases.
@@ -85,12 +82,21 @@ def with_offsets(
         Makes a start with another latency, s, and the arm assumed (None) or another, m.
     """
     assumed, assumed_b = first.settings.gnss_latency, first.settings.lever_arm_b
+    begun = {assumed: first}
+
+    def begun_at(latency: float) -> FilterStart:
+        """With the arm assumed; what was made once serves again."""
+        if latency not in begun:
+            begun[latency] = begin(latency, None)
+        return begun[latency]
+
     # By all fixes, as a gate leaves out those that contradict
     tried: list[tuple[float, ReceiverOffsets]] = []
 
     def evaluate(latency: float, arm_b: np.ndarray | None, gated: bool) -> ReceiverOffsets | None:
         try:
-            start = first if latency == assumed else begin(latency, arm_b)
+            alone = arm_b is None or latency == assumed
+            start = begun_at(latency) if alone else begin(latency, arm_b)
         except AlignmentError:  # with the fixes moved so far no start is seen
             return None
         motion = motion_from(source, config, algorithm, start.time_ns)
@@ -122,7 +128,7 @@ def with_offsets(
         agrees and not offsets.latency.differs_from(assumed, LEAST_S, USED)
     ):
         try:
-            start = begin(used, None)
+            start = begun_at(used)
         except AlignmentError:  # better a start with a latency that is contradicted than none
             status = "not settled"
     return replace(start, offsets=offsets, latency_status=status)
@@ -175,51 +181,6 @@ def motion_from(
     return first_increments(source, config, algorithm, start_ns, FIRST_NS, GAP_NS)
 
 
-def attitudes_apart(
-    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, starts: Sequence[FilterStart]
-) -> tuple[float, float]:
-    """How far apart the attitudes of filters from two starts are, in sigmas and in rad.
-
-    By the axis, of NED, on which they differ most, over the first part of the log; for most of it
-    they are nearer.
-    """
-    runs = []
-    for start in starts:
-        motion = motion_from(source, config, algorithm, start.time_ns)
-        if motion is None:
-            return 0.0, 0.0
-        run = InsGnssFilter(start.start, start.settings, with_baro=False)
-        updates = run.push(motion, start.used).updates
-        assert updates is not None
-        runs.append(updates)
-    one, other = runs
-    row = np.searchsorted(other.time_ns, one.time_ns)
-    both = (row > 0) & (row < len(other))
-    if not both.any():
-        return 0.0, 0.0
-    row = row[both]
-    turn = np.abs(log(multiply(one.q_nb[both], conjugate(other.q_nb[row]))))
-    covariance = one.covariance_attitude_n[both] + other.covariance_attitude_n[row]
-    sigmas = turn / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    most = np.percentile(sigmas, MOST_OF_IT, axis=0)
-    axis = int(np.argmax(most))
-    return float(most[axis]), float(np.percentile(turn[:, axis], MOST_OF_IT))
-
-
-@dataclass(frozen=True)
-class WhiteNoise:
-    """White noise of fixes as a log shows it.
-
-    Attributes
-    ----------
-    position, velocity : tuple of float
-        Horizontal (of one axis) and vertical, m and m/s; NaN where too few fixes show it.
-    """
-
-    position: tuple[float, float]
-    velocity: tuple[float, float]
-
-
 def white_noise(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> WhiteNoise | None:
@@ -230,14 +191,18 @@ def white_noise(
     epochs and drops out. Medians leave single bad fixes aside; those that the receiver itself says
     to be worse than usual show nothing of what it says of the others.
     """
-    gnss = start.used.rows(~worse_than_usual(start.used))
+    settings, usual = _loose(start.settings), ~worse_than_usual(start.used)
+    if start.white is not None and start.white.is_of(start.start, settings, usual):
+        return start.white
+    gnss = start.used.rows(usual)
     motion = motion_from(source, config, algorithm, start.time_ns)
     if motion is None or len(gnss) < LEAST_EPOCHS:
         return None
-    run = InsGnssFilter(start.start, _loose(start.settings), with_baro=False, output=False)
+    run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
     epochs = run.push(motion, _unsized(gnss)).gnss
     position = _scatter(epochs.time_ns, epochs.innovation[:, :3])
-    return WhiteNoise(position, _scatter(epochs.time_ns, epochs.innovation[:, 3:]))
+    velocity = _scatter(epochs.time_ns, epochs.innovation[:, 3:])
+    return WhiteNoise(position, velocity, start.start, settings, usual)
 
 
 def _scatter(time_ns: IntArray, innovation: FloatArray) -> tuple[float, float]:

@@ -9,31 +9,15 @@ import numpy as np
 
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
-from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.survey.course import RECEIVER_CLOCK
 
-# What a latency may be off by, over the fixes' own noise, that is worth a warning.
-WORSE_THAN_FIXES = 5.0
 TOGETHER_NS = 60 * SECOND  # stretches nearer to each other than this are one
 MOST_NAMED = 5
 # Fixes that the gate may turn down before the filter, and not they, must be taken for wrong.
 MOST_REJECTED = 0.2
 LEAST_FIXES = 20
-# Drift without fixes over its sigma: beyond this, options make the Imu better than it is.
-MOST_DRIFT = 2.0
-# An attitude is elsewhere with another latency by more than so many sigmas, and this, rad.
-MOST_TURNED, LEAST_TURNED = 4.0, 2.0 * DEGREE
-# Velocities are so many times as noisy beside the Imu as beside the receiver's own positions.
-MOST_UNEXPLAINED = 1.3
 # Innovations squared over what was expected: beyond these the sigmas say nothing.
 LEAST_NIS, MOST_NIS = 0.05, 5.0
-
-
-def shift(seconds: float, positive: str, negative: str) -> str:
-    """A time difference in words: its size, and a word for its sign."""
-    return f"{abs(seconds):.3f} s {positive if seconds > 0.0 else negative}"
 
 
 def untrusted(
@@ -102,132 +86,6 @@ def untrusted(
             )
         )
     return findings
-
-
-def late_or_early(largest_m: float, sigma_s: float, fix_sigma_m: float) -> list[Finding]:
-    """Positions that an uncertain latency makes much less certain than the fixes are.
-
-    Parameters
-    ----------
-    largest_m, sigma_s : float
-        What the latency's sigma is worth at the highest speed, and that sigma.
-    fix_sigma_m : float
-        Of a fix.
-    """
-    if largest_m <= WORSE_THAN_FIXES * fix_sigma_m:
-        return []
-    return [
-        Finding(
-            "latency-uncertain",
-            f"the log shows the latency of GNSS to {1e3 * sigma_s:.0f} ms only, by which positions"
-            f" are up to {largest_m:.2g} m early or late (1 sigma), however good the fixes are",
-            answer="give --gnss-latency",
-            numbers={"sigma_s": sigma_s, "position_m": largest_m},
-        )
-    ]
-
-
-def doubted_start(start: FilterStart, survey: Sequence[Finding]) -> list[Finding]:
-    """What a log says against the start of a filter, its settings and its fixes.
-
-    Parameters
-    ----------
-    survey : sequence of Finding
-        About the log.
-    """
-    return [
-        *drifts_too_far(start.drifts),
-        *turned_by_latency(start),
-        *unexplained_velocities(start),
-        *of_another_clock(survey, start),
-    ]
-
-
-def drifts_too_far(ratio: float) -> list[Finding]:
-    """A drift without fixes that is far beyond what options say of the Imu.
-
-    Parameters
-    ----------
-    ratio : float
-        Drift over its sigma.
-    """
-    if ratio <= MOST_DRIFT:
-        return []
-    return [
-        Finding(
-            "imu-options",
-            f"where fixes are left out the navigation drifts {ratio:.1f} times as far as the"
-            " options about the Imu explain: attitude and its sigmas are not to be trusted",
-            Severity.LOST,
-            "leave --imu-grade, --imu-noise, --arw and --vrw out, or correct them",
-            numbers={"drift_over_sigma": ratio},
-        )
-    ]
-
-
-def turned_by_latency(start: FilterStart) -> list[Finding]:
-    """An attitude that fixes at a wrong time, by an option, have led elsewhere."""
-    sigmas, angle = start.turned
-    if start.offsets is None or sigmas <= MOST_TURNED or angle <= LEAST_TURNED:
-        return []
-    given_ms, shown_ms = 1e3 * start.settings.gnss_latency, 1e3 * start.offsets.latency_s
-    return [
-        Finding(
-            "stated-latency",
-            f"the latency that the log shows, {shown_ms:.0f} ms, gives an attitude that is"
-            f" {angle / DEGREE:.0f} deg ({sigmas:.0f} sigmas) from that by the {given_ms:.0f} ms"
-            " given: attitude and its sigmas are not to be trusted",
-            Severity.LOST,
-            "leave --gnss-latency out, or correct it",
-            numbers={"attitude_deg": angle / DEGREE, "attitude_over_sigma": sigmas},
-        )
-    ]
-
-
-def unexplained_velocities(start: FilterStart) -> list[Finding]:
-    """Velocities that fit the receiver's own positions, and not the Imu."""
-    if start.unexplained <= MOST_UNEXPLAINED:
-        return []
-    return [
-        Finding(
-            "velocities-do-not-fit",
-            "beside the IMU the receiver's velocities are"
-            f" {start.unexplained:.1f} times as noisy as its own positions allow, and neither a"
-            " latency nor a lever arm that was tried explains it: attitude and its sigmas are not"
-            " to be trusted",
-            Severity.LOST,
-            "check the clocks (--gnss-clock-offset, --gnss-latency), the axes and units of the IMU",
-            numbers={"noise_ratio": start.unexplained},
-        )
-    ]
-
-
-def of_another_clock(survey: Sequence[Finding], start: FilterStart) -> list[Finding]:
-    """Fixes that another clock than the Imu's has stamped, where the motion does not say otherwise.
-
-    Parameters
-    ----------
-    survey : sequence of Finding
-        About the log.
-    """
-    clock = next((f for f in survey if f.kind == RECEIVER_CLOCK), None)
-    shown = start.offsets
-    if clock is None or (
-        shown is not None
-        and start.latency_status in ("found", "given")
-        and shown.observable
-        and not shown.latency_contradicts(start.settings.gnss_latency)
-    ):
-        return []
-    return [
-        Finding(
-            "fixes-at-wrong-times",
-            f"the fixes are used about {abs(clock.numbers['ahead_s']):.1f} s from when they were"
-            " valid, if their clock is another than the Imu's: do not trust the solution",
-            Severity.LOST,
-            clock.answer,
-        )
-    ]
 
 
 def doubts(

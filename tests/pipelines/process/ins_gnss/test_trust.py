@@ -1,19 +1,14 @@
 """Stretches that are not to be trusted are named, and decide how the command ends."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from sinstool.config import ProcessConfig
-from sinstool.core.finding import Finding, exit_status
+from sinstool.core.finding import exit_status
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
-from sinstool.pipelines.process.ins_gnss.run import FilterRun
 from sinstool.pipelines.process.ins_gnss.trust import (
     MOST_NAMED,
     doubts,
     marked,
-    of_another_clock,
     untrusted,
 )
 
@@ -98,27 +93,6 @@ def test_an_uncorrected_navigation_beyond_a_linear_filter_is_not_to_be_trusted()
     assert "from 70.0 s" in finding.text and "--feedback" in finding.answer
 
 
-@pytest.mark.parametrize(
-    ("status", "observable", "contradicts", "trusted"),
-    [
-        ("found", True, False, True),
-        ("given", True, False, True),
-        ("given", True, True, False),
-        ("not settled", True, False, False),
-        ("not observable", False, False, False),
-    ],
-)
-def test_only_motion_makes_up_for_another_clock(status, observable, contradicts, trusted):
-    shown = SimpleNamespace(observable=observable, latency_contradicts=lambda _: contradicts)
-    settings = SimpleNamespace(gnss_latency=0.0)
-    start = SimpleNamespace(offsets=shown, latency_status=status, settings=settings)
-    clock = Finding("receiver-clock", "two", answer="give it", numbers={"ahead_s": 2.0})
-    findings = of_another_clock([clock], start)
-    assert exit_status(findings) == (0 if trusted else 3)
-    assert trusted or findings[0].answer == "give it"
-    assert not of_another_clock([Finding("other", "else")], start)
-
-
 @pytest.mark.parametrize(("many", "status"), [(30, 0), (50, 3)])
 def test_too_many_rejected(many, status):
     assert exit_status(untrusted(epochs(gated=range(0, 4 * many, 4)), [], 1.0, 0)) == status
@@ -128,14 +102,3 @@ def test_too_many_rejected(many, status):
 def test_sigmas_that_say_nothing(nis, word):
     (finding,) = untrusted(epochs(), [], nis, 0)
     assert finding.kind == "sigmas-off" and word in finding.text
-
-
-@pytest.mark.parametrize(
-    ("kind", "scale", "more"),
-    [("imu-noise", 0.5, True), ("imu-noise", 1.0, False), ("latency", 0.5, False)],
-)
-def test_a_noisy_imu_may_be_fixes_that_were_trusted_too_far(kind, scale, more):
-    run = SimpleNamespace(config=ProcessConfig(filter={"gnss_noise_scale": scale}))
-    finding = FilterRun._completed(run, Finding(kind, "text", answer="choose another grade"))
-    assert ("--gnss-noise-scale is too small" in finding.answer) == more
-    assert finding.answer.startswith("choose another grade")

@@ -1,0 +1,223 @@
+"""What a log denies of the start of a filter: its options, its attitude, its fixes' clock.
+
+Settings that are wrong may lead a filter astray with sigmas that say nothing of it. Each thing here
+is measured once the start is settled, and becomes a finding of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.errors import AlignmentError
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.rotation import conjugate, log, multiply
+from sinstool.core.units import DEGREE
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.fix_velocity import velocity_noise_bound
+from sinstool.pipelines.process.ins_gnss.filter_settings import imu_stated
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.first_start import first_start
+from sinstool.pipelines.process.ins_gnss.imu_drift import Drift
+from sinstool.pipelines.process.ins_gnss.timing import motion_from, white_noise
+from sinstool.survey.course import RECEIVER_CLOCK
+from sinstool.survey.source import Source
+
+# Drift without fixes over its sigma: beyond this, options make the Imu better than it is.
+MOST_DRIFT = 2.0
+# An attitude is elsewhere with another latency by more than so many sigmas, and this, rad.
+MOST_TURNED, LEAST_TURNED = 4.0, 2.0 * DEGREE
+# Of the time that attitudes of two filters are compared, they are no further apart, %.
+MOST_OF_IT = 90.0
+# Velocities are so many times as noisy beside the Imu as beside the receiver's own positions.
+MOST_UNEXPLAINED = 1.3
+
+
+def held_against_log(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> FilterStart:
+    """A start with what :func:`denials` judges it by."""
+    if imu_stated(config):
+        drift = Drift(source, config, algorithm, start.by_the_fixes)
+        start = replace(start, drifts=drift.ratio)
+    return replace(
+        start,
+        turned=_turned(source, config, algorithm, start),
+        unexplained=_unexplained(source, config, algorithm, start),
+    )
+
+
+def _turned(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> tuple[float, float]:
+    """How far a latency that was given, and that the log contradicts, turns the attitude.
+
+    In sigmas and in rad. A start from fixes at a wrong time may be anywhere, whatever its sigmas.
+    """
+    shown = start.offsets
+    if shown is None or start.latency_status != "given":
+        return 0.0, 0.0
+    if not shown.latency_contradicts(start.settings.gnss_latency):
+        return 0.0, 0.0
+    gnss = config.gnss.model_copy(update={"gnss_latency": shown.latency_s})
+    timed = config.model_copy(update={"gnss": gnss})
+    try:
+        other = first_start(source, timed, start.grade, start.lag)
+    except AlignmentError:
+        return 0.0, 0.0
+    return _attitudes_apart(source, config, algorithm, (start, other))
+
+
+def _unexplained(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> float:
+    """Noise of velocities beside the Imu over the most that the receiver's own positions allow.
+
+    Where that is much, and neither a latency nor a lever arm explains it, the attitude does not fit
+    or the fixes are of another time.
+    """
+    gnss = source.aiding.gnss
+    most = np.nan if gnss is None else velocity_noise_bound(gnss)
+    if not start.velocity_noise[0] > most:
+        return 0.0
+    shown = white_noise(source, config, algorithm, start.by_the_fixes)
+    return 0.0 if shown is None else float(np.nan_to_num(shown.velocity[0] / most))
+
+
+def _attitudes_apart(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, starts: Sequence[FilterStart]
+) -> tuple[float, float]:
+    """How far apart the attitudes of filters from two starts are, in sigmas and in rad.
+
+    By the axis, of NED, on which they differ most, over the first part of the log; for most of it
+    they are nearer.
+    """
+    runs = []
+    for start in starts:
+        motion = motion_from(source, config, algorithm, start.time_ns)
+        if motion is None:
+            return 0.0, 0.0
+        run = InsGnssFilter(start.start, start.settings, with_baro=False)
+        updates = run.push(motion, start.used).updates
+        assert updates is not None
+        runs.append(updates)
+    one, other = runs
+    row = np.searchsorted(other.time_ns, one.time_ns)
+    both = (row > 0) & (row < len(other))
+    if not both.any():
+        return 0.0, 0.0
+    row = row[both]
+    turn = np.abs(log(multiply(one.q_nb[both], conjugate(other.q_nb[row]))))
+    covariance = one.covariance_attitude_n[both] + other.covariance_attitude_n[row]
+    sigmas = turn / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    most = np.percentile(sigmas, MOST_OF_IT, axis=0)
+    axis = int(np.argmax(most))
+    return float(most[axis]), float(np.percentile(turn[:, axis], MOST_OF_IT))
+
+
+def denials(start: FilterStart, survey: Sequence[Finding]) -> list[Finding]:
+    """What a log says against the start of a filter, its settings and its fixes.
+
+    Parameters
+    ----------
+    survey : sequence of Finding
+        About the log.
+    """
+    return [
+        *drifts_too_far(start.drifts),
+        *turned_by_latency(start),
+        *unexplained_velocities(start),
+        *of_another_clock(survey, start),
+    ]
+
+
+def drifts_too_far(ratio: float) -> list[Finding]:
+    """A drift without fixes that is far beyond what options say of the Imu.
+
+    Parameters
+    ----------
+    ratio : float
+        Drift over its sigma.
+    """
+    if ratio <= MOST_DRIFT:
+        return []
+    return [
+        Finding(
+            "imu-options",
+            f"where fixes are left out the navigation drifts {ratio:.1f} times as far as the"
+            " options about the Imu explain: attitude and its sigmas are not to be trusted",
+            Severity.LOST,
+            "leave --imu-grade, --imu-noise, --arw and --vrw out, or correct them",
+            numbers={"drift_over_sigma": ratio},
+        )
+    ]
+
+
+def turned_by_latency(start: FilterStart) -> list[Finding]:
+    """An attitude that fixes at a wrong time, by an option, have led elsewhere."""
+    sigmas, angle = start.turned
+    if start.offsets is None or sigmas <= MOST_TURNED or angle <= LEAST_TURNED:
+        return []
+    given_ms, shown_ms = 1e3 * start.settings.gnss_latency, 1e3 * start.offsets.latency_s
+    return [
+        Finding(
+            "stated-latency",
+            f"the latency that the log shows, {shown_ms:.0f} ms, gives an attitude that is"
+            f" {angle / DEGREE:.0f} deg ({sigmas:.0f} sigmas) from that by the {given_ms:.0f} ms"
+            " given: attitude and its sigmas are not to be trusted",
+            Severity.LOST,
+            "leave --gnss-latency out, or correct it",
+            numbers={"attitude_deg": angle / DEGREE, "attitude_over_sigma": sigmas},
+        )
+    ]
+
+
+def unexplained_velocities(start: FilterStart) -> list[Finding]:
+    """Velocities that fit the receiver's own positions, and not the Imu."""
+    if start.unexplained <= MOST_UNEXPLAINED:
+        return []
+    return [
+        Finding(
+            "velocities-do-not-fit",
+            "beside the IMU the receiver's velocities are"
+            f" {start.unexplained:.1f} times as noisy as its own positions allow, and neither a"
+            " latency nor a lever arm that was tried explains it: attitude and its sigmas are not"
+            " to be trusted",
+            Severity.LOST,
+            "check the clocks (--gnss-clock-offset, --gnss-latency), the axes and units of the IMU",
+            numbers={"noise_ratio": start.unexplained},
+        )
+    ]
+
+
+def of_another_clock(survey: Sequence[Finding], start: FilterStart) -> list[Finding]:
+    """Fixes that another clock than the Imu's has stamped, where the motion does not say otherwise.
+
+    Parameters
+    ----------
+    survey : sequence of Finding
+        About the log.
+
+    Returns
+    -------
+    list of Finding
+        The survey's own, with what it means for the run.
+    """
+    clock = next((f for f in survey if f.kind == RECEIVER_CLOCK), None)
+    shown = start.offsets
+    if clock is None or (
+        shown is not None
+        and start.latency_status in ("found", "given")
+        and shown.observable
+        and not shown.latency_contradicts(start.settings.gnss_latency)
+    ):
+        return []
+    text = (
+        f"{clock.text}, and the fixes are used that far from when they were valid: do not trust the"
+        " solution"
+    )
+    return [replace(clock, text=text, severity=Severity.LOST)]

@@ -1,0 +1,146 @@
+"""The first start of an INS/GNSS filter: before a run of it shows latency, noise and drift."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
+from sinstool.core.options import span
+from sinstool.core.streams import GnssEpochs
+from sinstool.core.timeline import SECOND
+from sinstool.methods.ins_gnss.fix_velocity import message_times, split_position_velocity
+from sinstool.methods.ins_gnss.settings import Settings
+from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
+from sinstool.pipelines.process.ins_gnss.filter_settings import (
+    barometer,
+    filter_settings,
+    too_good,
+)
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.first_state import FoundStart, StartFixes, find_start
+from sinstool.pipelines.process.ins_gnss.receiver import gnss_model, inflate_sigmas
+from sinstool.pipelines.process.ins_gnss.timing import significant_lag
+from sinstool.survey.grade import ImuGrade, sensor_grade, to_align_as
+from sinstool.survey.source import Source
+
+# Latencies with which a start is tried one after the other, s.
+FIRST_LATENCIES = (0.0, 0.15, -0.15)
+
+
+def first_start(
+    source: Source,
+    config: ProcessConfig,
+    grade: ImuGrade | None = None,
+    lag: float | None = None,
+) -> FilterStart:
+    """Settings, start and measurements of a filter run, with the configured latency or zero.
+
+    Parameters
+    ----------
+    grade : ImuGrade, optional
+        Instead of the one that the log shows at rest.
+    lag : float, optional
+        By which velocities are taken to be stamped later than positions, s, where that has been
+        found out already.
+
+    Raises
+    ------
+    ConfigurationError
+        Another rate than the stamps' is to be believed.
+    TopicError, AlignmentError
+        The log has no GNSS, or it shows no start.
+    """
+    if config.input.imu_rate is not None:
+        raise ConfigurationError(
+            f"{source.path}: --imu-rate with --mode ins-gnss: only stamps tell which fix belongs"
+            " to which sample",
+            "leave --imu-rate out, or give --mode ins or attitude",
+        )
+    gnss = source.aiding.gnss
+    if gnss is None or not gnss.has_position.any():
+        raise TopicError(
+            source.path,
+            "--mode ins-gnss: the log has no GNSS fixes",
+            "use --mode ins (with --height-damping), or attitude",
+        )
+    here = config if grade is None else to_align_as(config, grade)
+    grade = grade or sensor_grade(source, config)
+    model, gnss_why = gnss_model(gnss, config)
+    reference, remarks = barometer(source, config)
+    settings = filter_settings(source, config, grade, model, reference)
+    if lag is None:
+        lag = config.filter.gnss_velocity_lag
+    if lag is None:
+        lag = significant_lag(gnss)
+    epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
+    withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
+    latency, found = _first_latency(source, here, settings, epochs.rows(~withheld))
+    best = FilterStart(
+        replace(settings, gnss_latency=latency),
+        found.start,
+        found.time_ns,
+        found.how,
+        found.alignment,
+        epochs,
+        withheld,
+        reference,
+        None,
+        "not observable",
+        lag,
+        grade,
+        gnss_why,
+        (*too_good(source, config, settings), *remarks),
+    )
+    return start_in_longest(source, config, best)
+
+
+def regraded(
+    source: Source, config: ProcessConfig, first: FilterStart, grade: ImuGrade
+) -> FilterStart:
+    """A first start with an Imu of another grade that is aligned as the one before.
+
+    Parameters
+    ----------
+    first : FilterStart
+        Of :func:`first_start`.
+    grade : ImuGrade
+        Aligned as that of `first`: the first attitude is the same.
+    """
+    settings = filter_settings(source, config, grade, first.settings.gnss, first.reference)
+    settings = replace(settings, gnss_latency=first.settings.gnss_latency)
+    fixes = StartFixes.of(first.used, settings.gnss)
+    found = find_start(source, config, settings, fixes, first.alignment)
+    return replace(first.at(found), settings=settings, grade=grade)
+
+
+def _first_latency(
+    source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
+) -> tuple[float, FoundStart]:
+    """The configured latency, else zero, else the first usual latency with which a start succeeds.
+
+    In rough air no attitude fits velocities that are a fifth of a second off.
+    """
+    by_option = config.gnss.gnss_latency
+    refused: AlignmentError | None = None
+    fixes = StartFixes.of(gnss, settings.gnss)
+    for latency in FIRST_LATENCIES if by_option is None else (by_option,):
+        try:
+            timed = replace(settings, gnss_latency=latency)
+            return latency, find_start(source, config, timed, fixes)
+        except AlignmentError as exc:
+            refused = refused or exc
+    assert refused is not None
+    raise refused
+
+
+def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:
+    """Messages that the user withholds from the filter, to score it."""
+    seconds = (time_ns - first_ns) / SECOND
+    mask = np.zeros(len(time_ns), np.bool_)
+    for text in config.filter.withhold_gnss:
+        begin, end = span(text)
+        mask |= (seconds >= begin) & (seconds < end)
+    return mask

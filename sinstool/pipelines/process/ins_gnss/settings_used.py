@@ -1,0 +1,124 @@
+"""Settings that a filter's run used, which nobody gave, and options that it speaks against."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.finding import Finding, Severity
+from sinstool.methods.ins_gnss.filter import FilterSummary
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.receiver import USUAL_SIGMA_V
+
+# What a latency may be off by, over the fixes' own noise, that is worth a warning.
+WORSE_THAN_FIXES = 5.0
+
+
+def notes(
+    start: FilterStart, summary: FilterSummary, config: ProcessConfig, largest_m: float
+) -> list[Finding]:
+    """What was found in the log and is used, or does not do what an option asks for.
+
+    Parameters
+    ----------
+    largest_m : float
+        What the latency's sigma is worth at the highest speed.
+    """
+    findings: list[Finding] = []
+
+    def note(kind: str, text: str, severity: Severity = Severity.WARNING) -> None:
+        findings.append(Finding(kind, text, severity))
+
+    settings = start.settings
+    if summary.fell_back:
+        note(
+            "no-barometer",
+            f"the log has no barometer, so {config.filter.filter} runs without its"
+            f" damping network, as {summary.filter}",
+            Severity.NOTE,
+        )
+    if (
+        start.offsets is not None
+        and start.latency_status == "found"
+        and settings.gnss_latency != 0.0
+    ):
+        note(
+            "latency-used",
+            f"fixes are valid {_shift(settings.gnss_latency, 'before', 'after')} their"
+            f" stamps (sigma {start.offsets.sigma_s:.4f} s) and are used so; see --gnss-latency",
+        )
+    if start.latency_status != "given":
+        noise = np.hypot(settings.gnss.position_white, settings.gnss.position_markov)
+        sigma = float(np.sqrt(start.offsets_error[0, 0]))
+        findings += late_or_early(largest_m, sigma, float(noise[0]))
+    if start.lag != 0.0 and config.filter.gnss_velocity_lag is None:
+        note(
+            "velocity-lag-used",
+            f"the receiver's velocities are stamped {_shift(start.lag, 'later', 'earlier')}"
+            " than its positions, and both are used at their own times; --gnss-velocity-lag"
+            " overrides this",
+        )
+    if config.filter.filter == "plain-15":
+        note(
+            "white-fixes",
+            "plain-15 treats errors of fixes as white noise: if they vary slowly, its"
+            " position sigmas are several times too small, and innovations do not show it",
+        )
+    return findings
+
+
+def late_or_early(largest_m: float, sigma_s: float, fix_sigma_m: float) -> list[Finding]:
+    """Positions that an uncertain latency makes much less certain than the fixes are.
+
+    Parameters
+    ----------
+    largest_m, sigma_s : float
+        What the latency's sigma is worth at the highest speed, and that sigma.
+    fix_sigma_m : float
+        Of a fix.
+    """
+    if largest_m <= WORSE_THAN_FIXES * fix_sigma_m:
+        return []
+    return [
+        Finding(
+            "latency-uncertain",
+            f"the log shows the latency of GNSS to {1e3 * sigma_s:.0f} ms only, by which positions"
+            f" are up to {largest_m:.2g} m early or late (1 sigma), however good the fixes are",
+            answer="give --gnss-latency",
+            numbers={"sigma_s": sigma_s, "position_m": largest_m},
+        )
+    ]
+
+
+def about_options(
+    findings: Sequence[Finding], start: FilterStart, config: ProcessConfig
+) -> list[Finding]:
+    """Those of a diagnosis that are about an option, so that the user can put it right."""
+    return [_completed(f, config) for f in findings if _matters(f, start, config)]
+
+
+def _completed(finding: Finding, config: ProcessConfig) -> Finding:
+    """A finding of Imu noise, with the other cause of it: too small a noise of the fixes."""
+    if finding.kind != "imu-noise" or config.filter.gnss_noise_scale >= 1.0:
+        return finding
+    more = "; or --gnss-noise-scale is too small"
+    return replace(finding, answer=finding.answer + more)
+
+
+def _matters(finding: Finding, start: FilterStart, config: ProcessConfig) -> bool:
+    gnss, options = config.gnss, config.filter
+    if finding.kind == "latency":
+        return start.latency_status == "given"
+    if finding.kind == "gnss-noise" and finding.numbers["sigma_ratio"] < 1.0:
+        # Receivers that filter their fixes claim more than the noise that is left in them
+        stated = options.gnss_sigma is not None or gnss.gnss_sigma_v != USUAL_SIGMA_V
+        return stated or options.gnss_noise_scale > 1.0
+    return True
+
+
+def _shift(seconds: float, positive: str, negative: str) -> str:
+    """A time difference in words: its size, and a word for its sign."""
+    return f"{abs(seconds):.3f} s {positive if seconds > 0.0 else negative}"

@@ -1,0 +1,46 @@
+"""Starts of a filter that a log denies."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from sinstool.core.finding import Finding, Severity, exit_status
+from sinstool.pipelines.process.ins_gnss.denied_start import of_another_clock
+from tests.helpers.filter_logs import run, simulated
+
+
+@pytest.mark.parametrize(
+    ("status", "observable", "contradicts", "trusted"),
+    [
+        ("found", True, False, True),
+        ("given", True, False, True),
+        ("given", True, True, False),
+        ("not settled", True, False, False),
+        ("not observable", False, False, False),
+    ],
+)
+def test_only_motion_makes_up_for_another_clock(status, observable, contradicts, trusted):
+    shown = SimpleNamespace(observable=observable, latency_contradicts=lambda _: contradicts)
+    settings = SimpleNamespace(gnss_latency=0.0)
+    start = SimpleNamespace(offsets=shown, latency_status=status, settings=settings)
+    clock = Finding("receiver-clock", "two", answer="give it", numbers={"ahead_s": 2.0})
+    findings = of_another_clock([clock], start)
+    assert exit_status(findings) == (0 if trusted else 3)
+    assert trusted or findings[0].answer == "give it"
+    assert trusted or findings[0].text.startswith("two, and the fixes are used that far")
+    assert not of_another_clock([Finding("other", "else")], start)
+
+
+def test_a_wrong_clock_is_told_once(tmp_path):
+    """By the survey, and again by the run that it spoils, before."""
+    log = simulated(
+        tmp_path / "log.mcap", "drive", "--duration", "60", "--still", "55", "--grade", "mems",
+        "--rate", "50", "--seed", "3", "--baro-rate", "0",
+    )  # fmt: skip
+    given = {"align": "fixed", "initial_attitude": (0.0, 0.0, 40.0)}
+    result, _ = run(log, input={"gnss_clock_offset": -2.0}, align=given)
+    told = [f for f in result["findings"] if "clock" in f["text"] + f["answer"]]
+    assert [f["kind"] for f in told] == ["receiver-clock"]
+    assert told[0]["severity"] == Severity.LOST.name.lower()
+    assert "2.0 s ahead of" in told[0]["text"] and "do not trust" in told[0]["text"]
+    assert "leave --gnss-clock-offset out" in told[0]["answer"]

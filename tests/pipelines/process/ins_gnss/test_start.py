@@ -1,0 +1,58 @@
+"""A filter's start, which several runs find out."""
+
+from dataclasses import replace
+
+import pytest
+
+from sinstool.core.errors import AlignmentError
+from sinstool.methods.alignment import in_motion
+from sinstool.pipelines.process.ins_gnss import first_state, timing
+from tests.helpers.filter_logs import simulated, start_of
+
+
+def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatch):
+    """Where its drift gives an Imu another grade all begins anew, but for the first attitude."""
+    log = simulated(
+        tmp_path / "log.mcap", "drive", "--duration", "600", "--still", "30", "--grade", "mems",
+        "--rate", "50", "--seed", "3", "--idle", "0.3,0.01", "--no-scale-errors",
+        "--no-misalignment", "--no-bias-drift",
+    )  # fmt: skip
+    aligned, sought = [], []
+    in_flight, filter_run = first_state.in_flight, timing.InsGnssFilter
+
+    def aligning(source, config, method, shown, time_ns, later_ns):
+        aligned.append((config.gnss.gnss_latency, time_ns, shown.sigma_velocity_n.tobytes()))
+        return in_flight(source, config, method, shown, time_ns, later_ns)
+
+    class Seeking(filter_run):
+        def __init__(self, start, settings, **how):
+            super().__init__(start, settings, **how)
+            sought.append((start.nav.tobytes(), settings))
+
+    monkeypatch.setattr(first_state, "in_flight", aligning)
+    monkeypatch.setattr(timing, "InsGnssFilter", Seeking)
+    start = start_of(log)
+    assert start.grade.by_drift
+    assert len(aligned) == len(set(aligned)) > 0
+    assert len(sought) == len(set(sought)) > 2
+
+
+def test_a_start_that_is_not_there_is_looked_for_once(tmp_path, monkeypatch):
+    """With each latency: by what is refused an answer differs in its last word alone."""
+    log = simulated(
+        tmp_path / "log.mcap", "drive", "--duration", "60", "--still", "60", "--grade", "mems",
+        "--rate", "50", "--seed", "3",
+    )  # fmt: skip
+    tried = []
+    align_in_flight = in_motion.align_in_flight
+
+    def aligning(imu, fixes, settings):
+        refused = replace(settings, refuse_sigma=1.0)
+        tried.append((refused, imu.time_ns[-1], imu.delta_theta.tobytes()))
+        return align_in_flight(imu, fixes, settings)
+
+    monkeypatch.setattr(in_motion, "align_in_flight", aligning)
+    with pytest.raises(AlignmentError):
+        start_of(log)
+    assert len({settings.gnss_latency_s for settings, *_ in tried}) == 3
+    assert len(tried) == len(set(tried))
