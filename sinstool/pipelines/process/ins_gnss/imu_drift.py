@@ -200,6 +200,19 @@ def shown_increments(
     return first_increments(source, config, algorithm, start.time_ns, SHOWN_NS, gap_ns, below_s)
 
 
+def shaking(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> Shaking | None:
+    """What shakes the Imu where the vehicle stands: that is no noise of the Imu in motion."""
+    shown = shown_increments(source, config, algorithm, start, None)
+    if shown is None:
+        return None
+    stage = MeansStage(start.time_ns)
+    stage.push(shown)
+    late = round(start.settings.gnss_latency * SECOND)
+    return find_shaking(stage.finish(), start.used, late)
+
+
 class Drift:
     """The drift of a navigation in the first part of a log.
 
@@ -220,9 +233,8 @@ class Drift:
         # By an engine or people, which is no noise of the Imu in motion
         self._shaken = bool(np.any(rest > LEAST_CHANGE))
         self._guess = rest if np.all(rest > 0.0) and not self._shaken else None
-        shown = shown_increments(source, config, algorithm, start, None)
         self._increments = shown_increments(source, config, algorithm, start)
-        self._shaking = None if shown is None else _shaking(shown, start)
+        self._shaking = shaking(source, config, algorithm, start)
 
     @property
     def ratio(self) -> float:
@@ -418,14 +430,6 @@ class Drift:
         )
         sigma = np.nan_to_num(gnss.sigma_position_n[rows[0], 0])
         return np.asarray(np.hypot(north, east) > least_m + LEAST_WAY_SIGMAS * sigma)
-
-
-def _shaking(increments: Increments, start: FilterStart) -> Shaking:
-    """What shakes the Imu where the vehicle stands: that is no noise of the Imu in motion."""
-    stage = MeansStage(start.time_ns)
-    stage.push(increments)
-    late = round(start.settings.gnss_latency * SECOND)
-    return find_shaking(stage.finish(), start.used, late)
 
 
 def _noise_at_rest(source: Source, start: FilterStart) -> FloatArray:

@@ -21,6 +21,7 @@ from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.imu_drift import shaking
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
@@ -67,11 +68,13 @@ def fit(
 ) -> Fit | None:
     """Fit of a filter's settings in a log's first minutes; None where too few fixes show it."""
     control = replace(start.settings.control, gate_probability=1.0, adaptive="off")
+    shaken = shaking(source, config, algorithm, start)
     run = InsGnssFilter(
         start.start,
         replace(start.settings, network=None, control=control),
         with_baro=False,
         output=False,
+        constraints=None if shaken is None else shaken.constraints(start.settings.imu),
     )
     gnss: GnssEpochs | None = start.used
     steps = SegmentIncrements(source, config, algorithm)

@@ -20,6 +20,7 @@ import numpy as np
 
 from sinstool.core.streams import take_rows
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.land_vehicle.shaking import Shaking
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_fit import unlikely
@@ -35,7 +36,10 @@ SLOW = "; slow errors"
 
 
 def with_slow_errors(
-    start: FilterStart, judged: FilterStart, increments: Increments | None
+    start: FilterStart,
+    judged: FilterStart,
+    increments: Increments | None,
+    shaken: Shaking | None = None,
 ) -> FilterStart:
     """A start with slow errors of fixes as large as all innovations show them.
 
@@ -45,6 +49,8 @@ def with_slow_errors(
         The same with the latency and the lever arm that innovations are to be judged with.
     increments : Increments or None
         From the start on, for some minutes.
+    shaken : Shaking, optional
+        What shakes the Imu where its vehicle stands, lest the fixes be blamed for it.
 
     Returns
     -------
@@ -59,7 +65,7 @@ def with_slow_errors(
         if steps not in costs:
             if not 0 <= min(steps) <= max(steps) <= MOST_STEPS:
                 return np.inf
-            costs[steps] = _cost(increments, _with(judged, steps, 0))
+            costs[steps] = _cost(increments, _with(judged, steps, 0), shaken)
         return costs[steps]
 
     # Horizontally and in height together first, then one after the other
@@ -98,10 +104,11 @@ def _with(start: FilterStart, steps: tuple[int, int], most: int) -> FilterStart:
     return replace(made, gnss_why=text, slow_errors=times)
 
 
-def _cost(increments: Increments, start: FilterStart) -> float:
+def _cost(increments: Increments, start: FilterStart, shaken: Shaking | None) -> float:
     """-2 log likelihood of the innovations; infinite with too few."""
     settings = replace(start.settings, network=None)
-    run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
+    stands = None if shaken is None else shaken.constraints(settings.imu)
+    run = InsGnssFilter(start.start, settings, with_baro=False, output=False, constraints=stands)
     epochs = run.push(increments, start.used_until(int(increments.time_ns[-1]))).gnss
     epochs = take_rows(epochs, np.isfinite(epochs.nis))
     if len(epochs) < LEAST_EPOCHS:

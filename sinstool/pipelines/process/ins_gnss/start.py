@@ -28,6 +28,7 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import (
     MOST_BETTER,
     Drift,
     NoiseFactors,
+    shaking,
     shown_increments,
 )
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
@@ -152,7 +153,8 @@ def _wandering(
     if imu_stated(config) or receiver_stated(config):
         return start
     increments = shown_increments(source, config, algorithm, start)
-    return with_slow_errors(start, start.by_the_fixes, increments)
+    shaken = shaking(source, config, algorithm, start)
+    return with_slow_errors(start, start.by_the_fixes, increments, shaken)
 
 
 def _fitted(
