@@ -14,6 +14,7 @@ from sinstool.methods.ins_gnss.parameters import (
 )
 from sinstool.methods.ins_gnss.settings import BaroModel, DivergenceControl, GnssModel, Settings
 from sinstool.methods.ins_gnss.states import (
+    ACCEL_AXES,
     ACCEL_BIAS,
     ACCEL_SCALE,
     ATTITUDE,
@@ -21,6 +22,7 @@ from sinstool.methods.ins_gnss.states import (
     FILTERS,
     GNSS_POSITION,
     GNSS_VELOCITY,
+    GYRO_AXES,
     GYRO_BIAS,
     GYRO_SCALE,
     POSITION,
@@ -79,6 +81,12 @@ def test_variances_are_squares_of_the_sigmas_given():
         rows = slice(kind.first(block), kind.first(block) + BLOCKS[block])
         np.testing.assert_allclose(np.sqrt(np.diag(p)[rows]), sigma)
     assert np.count_nonzero(p) == kind.size
+    imu = replace(IMU, gyro_misalignment=3e-4, accel_misalignment=5e-4)
+    kind = kind.with_axes
+    sigma = np.sqrt(np.diag(initial_covariance(kind, START, replace(SETTINGS, imu=imu))))
+    axes = sigma[kind.first(GYRO_AXES) : kind.first(GNSS_POSITION)]
+    np.testing.assert_allclose(axes, [3e-4] * 6 + [5e-4] * 6)
+    kind = FILTERS["network-29a"]
     known = replace(START, gyro_bias_sigma=1e-6, accel_bias_sigma=1e-5)
     p = initial_covariance(kind, known, SETTINGS)
     sigma = np.sqrt(np.diag(p)[kind.first(GYRO_BIAS)])
@@ -117,3 +125,24 @@ def test_measurements_have_the_variances_of_their_noise(name):
         loop_parameters(kind, gated)["gates"],
         [np.inf, 10.828, 13.816, 16.266, 18.467, 20.515, 22.458], atol=1e-3,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "misalignment", "walk", "has"),
+    [
+        ("network-29a", 2e-4, 1e-6, True),
+        # 0.2 deg in a right angle, and in a minute 0.4 deg of noise
+        ("network-29a", 2e-3, 9e-4, False),
+        ("network-29a", 0.0, 0.0, False),
+        ("plain-15", 2e-4, 1e-6, False),
+        ("network-26", 2e-4, 1e-6, False),
+    ],
+)
+def test_axes_have_states_where_turns_show_them_through_the_noise(name, misalignment, walk, has):
+    imu = replace(IMU, gyro_misalignment=misalignment, angle_random_walk=walk)
+    settings = replace(SETTINGS, filter=name, network=None, imu=imu)
+    for kind in (settings.kind, settings.kind.without_baro, settings.kind.on_wheels):
+        assert (kind.first(GYRO_AXES) > 0) == (kind.first(ACCEL_AXES) > 0) == has
+        # Else a turn makes attitude uncertain
+        across = loop_parameters(kind, settings)["across_variance"]
+        assert (across > 0.0) == (misalignment > 0.0 and not has)

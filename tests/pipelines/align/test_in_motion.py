@@ -1,5 +1,7 @@
 """Sensor errors that an alignment in motion assumes: of options, rest and grade."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -66,6 +68,15 @@ def test_options_win():
     assert result.gyro_scale == result.accel_scale == 5e-4
     assert np.rad2deg(result.angle_random_walk) * 60.0 == pytest.approx(0.2)
     assert result.velocity_random_walk == pytest.approx(80e-6 * 9.80665)
+
+
+def test_a_stated_misalignment_is_that_of_both_sensors():
+    config = build(ProcessConfig, {"filter": {"sigma_misalignment": 0.3}})
+    noise, grade = imu_noise(config, "tactical"), IMU_GRADES["tactical"]
+    assert noise.gyro_misalignment == noise.accel_misalignment == pytest.approx(3e-4)
+    assert replace(noise, gyro_misalignment=2e-4, accel_misalignment=2e-4) == grade
+    exact = imu_noise(build(ProcessConfig, {"filter": {"sigma_misalignment": 0}}), "mems")
+    assert exact.gyro_misalignment == exact.accel_misalignment == 0.0
 
 
 def test_a_bias_that_an_option_makes_small_does_not_wander_more_than_a_tenth_of_it():

@@ -1,14 +1,18 @@
 """A quiet Imu whose biases are not those of the grade that its noise at rest looks like."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from benchmarks.trusted_navigation import process
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
-from sinstool.core.units import DEGREE_PER_ROOT_HOUR
+from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G
 from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES
 from sinstool.pipelines.process.ins_gnss import filter_settings, first_state
+from sinstool.pipelines.process.ins_gnss import start as start_module
+from sinstool.pipelines.process.ins_gnss.imu_drift import NoiseFactors
 from sinstool.survey.grade import ImuGrade
 from tests.helpers.filter_logs import simulated, start_of
 from tests.helpers.unseen_drives import (
@@ -90,12 +94,33 @@ def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path)
     assert imu.gyro_scale <= better.gyro_scale and imu.accel_bias >= better.accel_bias
 
 
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_an_engine_that_idles_is_no_fault_of_a_navigation_grade_nor_of_the_fixes(tmp_path, seed):
+    """Its noise at rest passed for a bias, and for fixes that wander by twice what they say."""
+    start = start_of(idling(tmp_path / "log.mcap", "navigation", seed), gnss={"gnss_latency": 0.0})
+    assert start.grade.grade == "navigation"
+    assert start.slow_errors == (1.0, 1.0)
+
+
+@pytest.mark.parametrize(("walk", "navigation"), [(0.3, False), (0.01, True)])
+def test_gyros_as_noisy_as_a_poor_one_are_not_taken_for_laser_gyros(monkeypatch, walk, navigation):
+    """Likelier by its scale factors: 2 of 12 simulated MEMS were, tilts at 1.6 sigmas."""
+    asked = []
+    drift = SimpleNamespace(gains=lambda _, others: asked.extend(others) or {})
+    walks = walk * DEGREE_PER_ROOT_HOUR, 150.0 * MICRO_G
+    for module in (start_module, filter_settings):
+        monkeypatch.setattr(module, "walks_in_motion", lambda _: walks)
+    quieter = NoiseFactors(0.2, 0.2)
+    assert start_module._better(None, ProcessConfig(), drift, quieter, "industrial") is None
+    assert asked == (["tactical", "navigation"] if navigation else ["tactical"])
+
+
 @pytest.mark.parametrize(("grade", "worse"), [("industrial", "mems"), ("navigation", "tactical")])
 def test_a_drift_does_not_show_biases_nor_how_axes_lie_in_the_case(monkeypatch, grade, worse):
     for name in ("random_walks", "walks_in_motion"):
         monkeypatch.setattr(filter_settings, name, lambda _: None)
     imu = filter_settings._imu(None, ProcessConfig(), ImuGrade(grade, "by its drift", True))
-    for name in ("gyro_bias", "accel_bias", "gyro_misalignment"):
+    for name in ("gyro_bias", "accel_bias", "gyro_misalignment", "accel_misalignment"):
         assert getattr(imu, name) == getattr(IMU_GRADES[worse], name)
         assert getattr(imu, name) > getattr(IMU_GRADES[grade], name)
     assert imu.gyro_scale == IMU_GRADES[grade].gyro_scale
