@@ -22,7 +22,7 @@ from sinstool.methods.ins_gnss.constraints import (
 )
 from sinstool.methods.ins_gnss.loop import run
 from sinstool.methods.ins_gnss.settings import Settings, Start
-from sinstool.methods.ins_gnss.states import LAND_VEHICLE, FilterKind
+from sinstool.methods.ins_gnss.states import GYRO_AXES, LAND_VEHICLE, FilterKind
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 from sinstool.methods.strapdown.velocity import Increments
 
@@ -45,8 +45,9 @@ class FilterSummary:
         the first. Should be 1, but does not tell of errors of the fixes that last.
     gyro_bias, accel_scale, accel_bias, gyro_scale : ndarray, shape (3,)
         Taken off, rad/s, 1, m/s^2, 1.
-    gyro_axes, accel_axes : ndarray, shape (6,)
-        Misalignment taken off, rad, in the order of :data:`states.AXES_PAIRS`.
+    gyro_misalignment, accel_misalignment : ndarray, shape (6,), or None
+        Taken off, rad, in the order of :data:`~sinstool.methods.ins_gnss.states.AXES_PAIRS`; None
+        of a filter without states for them.
     baro_bias : float
         Taken off the barometric height, m.
     channel : ChannelSummary
@@ -73,8 +74,8 @@ class FilterSummary:
     accel_scale: FloatArray
     accel_bias: FloatArray
     gyro_scale: FloatArray
-    gyro_axes: FloatArray
-    accel_axes: FloatArray
+    gyro_misalignment: FloatArray | None
+    accel_misalignment: FloatArray | None
     baro_bias: float
     channel: height_layout.ChannelSummary
     gains: tuple[float, float, float] | None
@@ -201,6 +202,7 @@ class InsGnssFilter:
         m = self._memory
         rows = m.nis_rows
         sensors = m.sensors
+        has_axes = self.kind.first(GYRO_AXES) >= 0
         return FilterSummary(
             filter=self.kind.name,
             fell_back=self.fell_back,
@@ -214,8 +216,8 @@ class InsGnssFilter:
             accel_scale=sensors[3:6].copy(),
             accel_bias=sensors[6:9].copy(),
             gyro_scale=sensors[9:12].copy(),
-            gyro_axes=sensors[12:18].copy(),
-            accel_axes=sensors[18:].copy(),
+            gyro_misalignment=sensors[12:18].copy() if has_axes else None,
+            accel_misalignment=sensors[18:].copy() if has_axes else None,
             baro_bias=float(self._memory.channel[height_layout.S_BARO_BIAS]),
             channel=height_layout.summarise(self._memory.channel),
             gains=self.settings.damping.gains if self.kind.network else None,

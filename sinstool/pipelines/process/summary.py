@@ -354,6 +354,8 @@ class FilterUsed:
     accel_bias_m_s2: tuple[float, ...]
     accel_scale: np.ndarray
     gyro_scale: np.ndarray
+    gyro_misalignment: np.ndarray | None
+    accel_misalignment: np.ndarray | None
     baro_bias_m: float
     vehicle: VehicleUsed
     events: dict[str, int]

@@ -446,8 +446,8 @@ def _white_noise(source: Source, start: FilterStart, rest: FloatArray) -> tuple[
 
     Sensors are no quieter than at rest, which does not hold for a grade that was judged by its
     drift, as an idling engine looks like poor sensors. Gyros are no noisier than in motion. White
-    noise of accelerometers stands in for their cross-axis errors, of which a filter has no states,
-    and that of a MEMS grade for more.
+    noise of accelerometers stands in for their cross-axis errors, for which not every filter has
+    states, and that of a MEMS grade for more.
 
     Parameters
     ----------

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
 from benchmarks.trusted_navigation import process
 from sinstool.config import ProcessConfig
@@ -14,7 +15,7 @@ from sinstool.pipelines.process.ins_gnss import filter_settings, first_state
 from sinstool.pipelines.process.ins_gnss import start as start_module
 from sinstool.pipelines.process.ins_gnss.imu_drift import NoiseFactors
 from sinstool.survey.grade import ImuGrade
-from tests.helpers.filter_logs import simulated, start_of
+from tests.helpers.filter_logs import run, simulated, start_of
 from tests.helpers.unseen_drives import (
     GRADES,
     LEVER,
@@ -200,3 +201,29 @@ def test_fictitious_noise_is_added_for_mems_or_as_asked_for(tmp_path, grade, opt
         align={"align": "fixed", "initial_attitude": (0.0, 0.0, 0.0)},
     )
     assert start.settings.control.virtual_noise == expected
+
+
+@pytest.mark.parametrize(("options", "has"), [({}, True), ({"filter": "network-26"}, False)])
+def test_misalignments_are_found_and_told(tmp_path, options, has):
+    """Of a flight that rolls and pitches as it turns; truth: the simulation's own matrix."""
+    log = simulated(
+        tmp_path / "log.mcap", "manoeuvring-flight", "--duration", "900", "--grade", "tactical",
+        "--rate", "50", "--seed", "4", "--no-scale-errors", "--no-bias-drift",
+    )  # fmt: skip
+    chosen, _ = run(log, filter=options, navigation={"imu_grade": "tactical"})
+    used = chosen["filter"]
+    for name in ("gyro", "accel"):
+        found = used[f"{name}_misalignment"]
+        if not has:
+            assert found is None
+            continue
+        with log.open("rb") as stream:
+            (written,) = make_reader(stream).iter_metadata()
+        text = written.metadata[f"{name}_matrix_ppm"]
+        flip = np.diag([1.0, -1.0, -1.0])
+        truth = flip @ np.array([float(x) for x in text.split(",")]).reshape(3, 3) @ flip * 1e-6
+        error = np.array(found) - truth[~np.eye(3, dtype=bool)]
+        # A log shows some of the six, the grade's 0.2 mrad is known of the others
+        assert np.abs(error).max() < 3.5 * 2e-4
+        if name == "gyro":
+            assert np.sort(np.abs(error))[2] < 0.5 * 2e-4
