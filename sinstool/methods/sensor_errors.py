@@ -163,8 +163,8 @@ _ASSUMED: _Table = {
     "bias_time_s": (1.0, (100.0, 2000.0, 300.0, 1000.0)),
     "accel_scale": (1.0, (3e-3, 1e-3, 3e-4, 2e-4)),
     "gyro_scale": (1.0, (5e-3, 1e-3, 3e-4, 2e-4)),
-    "gyro_misalignment": (1.0, (1.5e-3, 2e-4, 2e-4, 5e-5)),
-    "accel_misalignment": (1.0, (1.5e-3, 2e-4, 2e-4, 5e-5)),
+    "gyro_misalignment": (1.0, (1e-3, 2e-4, 2e-4, 5e-5)),
+    "accel_misalignment": (1.0, (1e-3, 2e-4, 2e-4, 5e-5)),
 }
 IMU_GRADES = _grades(_GRADES, _ASSUMED)
 """What a filter assumes, by grade of IMU."""

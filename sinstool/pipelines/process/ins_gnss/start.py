@@ -25,7 +25,6 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_start import first_start, regraded
 from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import (
-    MOST_BETTER,
     Drift,
     NoiseFactors,
     shaking,
@@ -278,21 +277,21 @@ def _better(
     """A better grade that explains a drift clearly better than quieter sensors of this one do.
 
     An idling engine makes good sensors look poor at rest, and without a rest they are taken for
-    poor. Quiet sensors of a poor grade have its scale factors, angles and biases all the same.
+    poor. Quiet sensors of a poor grade have its scale factors, angles and biases all the same. Of
+    several such grades it is the worst that no better one is clearly likelier than.
     """
     if factors.gyro >= QUIETER or config.navigation.imu_noise is not None:
         return None
     order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
-    scales, moving = has_scales(config), walks_in_motion(source)
-    sensors = {}
-    for other in order[order.index(grade) + 1 :]:
-        imu = imu_noise(config, other, scales)
-        # The noise of motion takes the place of the grade's own, but is it that of such a gyro?
-        if moving is None or moving[0] <= MOST_BETTER * imu.angle_random_walk:
-            sensors[other] = as_in_motion(source, imu)
+    scales = has_scales(config)
+    others = order[order.index(grade) + 1 :]
+    sensors = {o: as_in_motion(source, imu_noise(config, o, scales)) for o in others}
     gains = drift.gains(factors, sensors)
-    best = max(gains, key=lambda other: gains[other], default=None)
-    return best if best is not None and gains[best] > LEAST_GAIN else None
+    best, least = None, LEAST_GAIN
+    for other, gain in gains.items():
+        if gain > least:
+            best, least = other, gain + LEAST_GAIN
+    return best
 
 
 def _with_noise(

@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from benchmarks.trusted_navigation import process
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
-from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G
+from sinstool.core.units import DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES
 from sinstool.pipelines.process.ins_gnss import filter_settings, first_state
 from sinstool.pipelines.process.ins_gnss import start as start_module
@@ -103,17 +103,22 @@ def test_an_engine_that_idles_is_no_fault_of_a_navigation_grade_nor_of_the_fixes
     assert start.slow_errors == (1.0, 1.0)
 
 
-@pytest.mark.parametrize(("walk", "navigation"), [(0.3, False), (0.01, True)])
-def test_gyros_as_noisy_as_a_poor_one_are_not_taken_for_laser_gyros(monkeypatch, walk, navigation):
-    """Likelier by its scale factors: 2 of 12 simulated MEMS were, tilts at 1.6 sigmas."""
-    asked = []
-    drift = SimpleNamespace(gains=lambda _, others: asked.extend(others) or {})
-    walks = walk * DEGREE_PER_ROOT_HOUR, 150.0 * MICRO_G
-    for module in (start_module, filter_settings):
-        monkeypatch.setattr(module, "walks_in_motion", lambda _: walks)
-    quieter = NoiseFactors(0.2, 0.2)
-    assert start_module._better(None, ProcessConfig(), drift, quieter, "industrial") is None
-    assert asked == (["tactical", "navigation"] if navigation else ["tactical"])
+@pytest.mark.parametrize(
+    ("gains", "expected"),
+    [
+        ((9.0, 9.5, 9.9), None),
+        ((30.3, 31.7, 38.5), "industrial"),
+        ((30.0, 41.0, 45.0), "tactical"),
+        ((5.0, 30.0, 41.0), "navigation"),
+        ((30.0, 20.0, -np.inf), "industrial"),
+    ],
+)
+def test_a_drift_makes_an_imu_no_better_than_it_clearly_shows(monkeypatch, gains, expected):
+    """The likeliest was taken: 2 of 12 simulated MEMS for navigation grade, at 1.6 sigmas."""
+    monkeypatch.setattr(filter_settings, "walks_in_motion", lambda _: None)
+    drift = SimpleNamespace(gains=lambda _, others: dict(zip(others, gains, strict=True)))
+    found = start_module._better(None, ProcessConfig(), drift, NoiseFactors(0.2, 0.2), "mems")
+    assert found == expected
 
 
 @pytest.mark.parametrize(("grade", "worse"), [("industrial", "mems"), ("navigation", "tactical")])
