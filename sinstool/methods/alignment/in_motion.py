@@ -7,7 +7,7 @@ the INS/GNSS filter all begin here.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,13 +15,14 @@ import numpy as np
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
-from sinstool.core.streams import GnssEpochs, Imu, concatenate
+from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flight
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
 from sinstool.methods.alignment.level_bias import MOST_S, MOVING_M_S, level_bias
 from sinstool.methods.alignment.preparation import MIN_POSITION_SPAN_S, prepare_fixes
 from sinstool.methods.alignment.solution import carried
+from sinstool.methods.alignment.span_reader import NO_SAMPLES, SpanReader
 from sinstool.methods.sensor_errors import SensorGrade
 
 # Without a gate, alignment begins when the vehicle does, and takes this much at first. A walker
@@ -36,10 +37,6 @@ SHORT_S = (15.0, 25.0, 40.0, 70.0, MOST_S)
 # the refinement is linear.
 SURPRISE = 1.0
 ROUNDS = 4
-# So many samples are held at most, where no end is set: an hour at 200 Hz. They take 200 MB, with
-# all that is computed of them.
-MOST_SAMPLES = 720_000
-NO_SAMPLES = "there are no IMU samples to align with"
 # Vertical velocity from height: over so long before and after, as heights are noisy.
 CLIMB_S = 2.0
 
@@ -111,75 +108,9 @@ class MotionAlignment:
         return q_nb, covariance
 
 
-class SpanReader:
-    """Samples from a beginning up to any end, read no further than the spans ask.
-
-    Parameters
-    ----------
-    blocks : iterable of Imu
-        In order; increments as mean rates.
-    most : int, optional
-        Samples beyond so many are not read, whatever the span.
-
-    Attributes
-    ----------
-    cut : bool
-        Samples have been left out.
-    """
-
-    def __init__(self, blocks: Iterable[Imu], most: int | None = MOST_SAMPLES) -> None:
-        self._waiting = iter(blocks)
-        self._most = most
-        self._imu: Imu | None = None
-        self._ended = False
-        self.cut = False
-
-    @property
-    def first_ns(self) -> int:
-        """Time of the first sample, of those read."""
-        assert self._imu is not None
-        return int(self._imu.time_ns[0])
-
-    def until(self, end_ns: int | None) -> Imu:
-        """Samples up to a time; None for the last one.
-
-        Raises
-        ------
-        AlignmentError
-            There are none at all.
-        """
-        parts = [] if self._imu is None else [self._imu]
-        count = sum(map(len, parts))
-        while not self._ended and (
-            not parts or end_ns is None or int(parts[-1].time_ns[-1]) <= end_ns
-        ):
-            block = next(self._waiting, None)
-            if block is None:
-                self._ended = True
-            elif self._most is not None and count + len(block) > self._most:
-                self._ended = self.cut = True
-                parts.append(block.rows(slice(0, self._most - count)))
-            elif len(block):
-                parts.append(block)
-                count += len(block)
-        if not parts:
-            raise AlignmentError(NO_SAMPLES, "widen start and end")
-        self._imu = imu = concatenate(parts)
-        if end_ns is None:
-            return imu
-        return imu.rows(slice(0, int(np.searchsorted(imu.time_ns, end_ns, "right"))))
-
-    def cut_short(self, end_ns: int | None) -> tuple[str, ...]:
-        """A warning where samples up to a time, which have been read, are not all there are."""
-        if not self.cut or self._imu is None:
-            return ()
-        last_ns = int(self._imu.time_ns[-1])
-        if end_ns is not None and end_ns <= last_ns:
-            return ()
-        return (
-            f"aligned with {len(self._imu)} samples, {(last_ns - self.first_ns) / SECOND:.0f} s: no"
-            " more are taken, unless --align-end is given",
-        )
+Known = dict[tuple[bytes, AlignmentSettings], tuple[float, InFlightAlignment]]
+"""Alignments over spans of samples from one beginning, by gyro bias and settings but for what is
+refused, which is with each: that an answer is refused is its last word."""
 
 
 def align_in_motion(
@@ -192,6 +123,7 @@ def align_in_motion(
     ends_ns: Sequence[int | None],
     bias_unknown: float | None = None,
     notes: tuple[str, ...] = (),
+    known: Known | None = None,
 ) -> MotionAlignment:
     """Align over one span of time after the other until the answer is good.
 
@@ -214,6 +146,8 @@ def align_in_motion(
         sensors is too small.
     notes : tuple of str, optional
         Warnings that come before those of the alignment.
+    known : dict, optional
+        What is known of the same samples and fixes; gets what is made now.
 
     Returns
     -------
@@ -226,6 +160,17 @@ def align_in_motion(
         There is nothing to align with.
     """
 
+    def aligned(imu: Imu, bias: FloatArray, span: AlignmentSettings) -> InFlightAlignment:
+        key = bias.tobytes(), replace(span, refuse_sigma=np.inf)
+        if known is not None and key in known:
+            refused, result = known[key]
+            if result.is_same(refused, span.refuse_sigma):
+                return result
+        result = align_in_flight(increments(imu, gyro_kind, interval_s, bias), fixes, span)
+        if known is not None:
+            known[key] = span.refuse_sigma, result
+        return result
+
     def tried(
         bias: FloatArray, errors: SensorGrade, ends: Sequence[int | None]
     ) -> MotionAlignment | None:
@@ -237,7 +182,7 @@ def align_in_motion(
             imu = samples.until(end_ns)
             if not len(imu):  # all of it lies in a gap
                 continue
-            result = align_in_flight(increments(imu, gyro_kind, interval_s, bias), fixes, span)
+            result = aligned(imu, bias, span)
             if best is None or _better(result, best.result):
                 warnings = (*notes, *result.warnings, *samples.cut_short(end_ns))
                 result = replace(result, warnings=warnings)

@@ -132,6 +132,11 @@ class InFlightAlignment:
 
     _chain: AttitudeChain | None = field(default=None, repr=False, compare=False)
 
+    def is_same(self, refuse_sigma: float, other: float) -> bool:
+        """Whether what was refused beyond one sigma, rad, would be beyond another, and no more."""
+        low, high = sorted((refuse_sigma, other))
+        return not low < self.sigma_worst <= high
+
     def attitude_at(self, time_ns: IntArray) -> FloatArray:
         """Attitude at any times of the unbroken stretch of the log that holds the segment.
 

@@ -304,7 +304,7 @@ def compass(source: Source, config: ProcessConfig, grade: Grade) -> Gyrocompass:
     still, latitude = source.survey.lead_in, source.latitude
     assert still is not None and latitude is not None
     from sinstool.methods.alignment.gyrocompass import gyrocompass
-    from sinstool.methods.alignment.in_motion import MOST_SAMPLES
+    from sinstool.methods.alignment.span_reader import MOST_SAMPLES
     from sinstool.pipelines.align.in_motion import increments, sensor_errors
 
     imu = increments(source, config, np.zeros(3), still.end_ns, most=MOST_SAMPLES)

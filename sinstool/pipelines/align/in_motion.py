@@ -15,9 +15,7 @@ from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import in_motion
 from sinstool.methods.alignment.in_motion import (
-    MOST_SAMPLES,
     MotionAlignment,
-    SpanReader,
     align_in_motion,
     gnss_fixes,
 )
@@ -27,6 +25,7 @@ from sinstool.methods.alignment.inflight_types import (
     GateLimits,
     ImuIncrements,
 )
+from sinstool.methods.alignment.span_reader import MOST_SAMPLES, SpanReader
 from sinstool.methods.allan.coefficients import as_measured
 from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
 from sinstool.survey.grade import measured_noise, random_walk
@@ -109,7 +108,10 @@ def align_moving(
     doubtful = grade == "mems" and not at_rest and options.sigma_bg is None
 
     def begun(
-        begin: int | None, notes: tuple[str, ...], sigma: float = refuse_sigma
+        begin: int | None,
+        notes: tuple[str, ...],
+        sigma: float = refuse_sigma,
+        known: in_motion.Known | None = None,
     ) -> MotionAlignment:
         settings = _settings(config, errors, method, gate, at, begin, survey)
         return align_in_motion(
@@ -125,19 +127,23 @@ def align_moving(
             in_motion.spans(gate, begin, end, first, int(fixes.time_ns[-1])),
             UNKNOWN_BIAS if doubtful else None,
             notes,
+            known,
         )
 
+    known: in_motion.Known | None = None
     if doubtful and refuse_sigma > REFUSE_SIGMA:
+        known = {}
         # Another gyro bias is sought where an answer is not good: what passes for good decides.
         # Elsewhere a sure answer is the same, whatever is refused.
         with suppress(AlignmentError):
-            sure = begun(start, notes, REFUSE_SIGMA)
+            sure = begun(start, notes, REFUSE_SIGMA, known)
             if sure.good:
                 return sure
     try:
-        moving = begun(start, notes)
+        moving = begun(start, notes, known=known)
     except AlignmentError as exc:
         moving, refused = None, exc
+    del known
     for begin in () if moving is not None and moving.good else later:
         assert start is not None
         skipped = (

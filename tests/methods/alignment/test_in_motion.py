@@ -12,7 +12,6 @@ from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment import in_motion
 from sinstool.methods.alignment.in_motion import (
-    SpanReader,
     align_in_motion,
     first_motion,
     gnss_fixes,
@@ -22,6 +21,7 @@ from sinstool.methods.alignment.in_motion import (
 )
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes
 from sinstool.methods.alignment.level_bias import level_bias
+from sinstool.methods.alignment.span_reader import SpanReader
 from sinstool.methods.alignment.still import WindowStage, lead_in, still_spans
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
 from sinstool.simulation.drive import road_drive

@@ -8,6 +8,7 @@ from sinstool.core.errors import AlignmentError
 from sinstool.methods.alignment import in_motion
 from sinstool.pipelines.process.ins_gnss import first_state, timing
 from tests.helpers.filter_logs import simulated, start_of
+from tests.helpers.unseen_drives import cruise, record, sensor_errors, write
 
 
 def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatch):
@@ -37,12 +38,23 @@ def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatc
     assert len(sought) == len(set(sought)) > 2
 
 
-def test_a_start_that_is_not_there_is_looked_for_once(tmp_path, monkeypatch):
-    """With each latency: by what is refused an answer differs in its last word alone."""
-    log = simulated(
-        tmp_path / "log.mcap", "drive", "--duration", "60", "--still", "60", "--grade", "mems",
-        "--rate", "50", "--seed", "3",
+def standing(path):
+    return simulated(
+        path, "drive", "--duration", "60", "--still", "60", "--grade", "mems", "--rate", "50",
+        "--seed", "3",
     )  # fmt: skip
+
+
+def straight_on(path):
+    """Gyros whose bias nothing shows: others are tried where an answer is not good."""
+    consumer = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
+    return write(path, record(cruise(80.0), consumer, 5, sigma=0.9, sigma_v=0.2))
+
+
+@pytest.mark.parametrize("made", [standing, straight_on])
+def test_a_start_that_is_not_there_is_looked_for_once(tmp_path, monkeypatch, made):
+    """With each latency: by what is refused an answer differs in its last word alone."""
+    log = made(tmp_path / "log.mcap")
     tried = []
     align_in_flight = in_motion.align_in_flight
 
