@@ -64,6 +64,9 @@ class FilterStart:
     turned : tuple of float, optional
         How far the attitude is, in sigmas and in rad, from that with the latency that the log shows
         where it contradicts the one given.
+    denied : float, optional
+        By how much -2 log likelihood is less with another first attitude than with that of options;
+        0 where none is clearly likelier.
     unexplained : float, optional
         How many times as noisy as the positions of the same receiver allow its velocities are
         beside the Imu, whatever the latency and the lever arm.
@@ -89,6 +92,7 @@ class FilterStart:
     slow_errors: tuple[float, float] = (1.0, 1.0)
     drifts: float = 1.0
     turned: tuple[float, float] = (0.0, 0.0)
+    denied: float = 0.0
     unexplained: float = 0.0
 
     @cached_property

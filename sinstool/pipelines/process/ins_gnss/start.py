@@ -39,6 +39,7 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors, shown_increments
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
+from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.receiver import (
     gnss_model,
     inflate_sigmas,
@@ -181,6 +182,7 @@ def timed_start(
     if imu_stated(config):
         drift = Drift(source, config, algorithm, _by_the_fixes(start))
         start = replace(start, drifts=drift.ratio)
+    start = with_likeliest(source, config, algorithm, start, _by_the_fixes(start))
     start = replace(
         start,
         turned=_turned(source, config, algorithm, start),
@@ -282,8 +284,10 @@ def _timed(
             attitude_warnings=notes,
         )
         start = start_in_longest(source, config, start)
+        start = with_likeliest(source, config, algorithm, start, start)
         return _with_noise(source, config, algorithm, start)
 
+    first = with_likeliest(source, config, algorithm, first, first)
     noisy = _with_noise(source, config, algorithm, first)
     if noisy.noisier != first.noisier:
         # The start is one at fixes, and may use their speed

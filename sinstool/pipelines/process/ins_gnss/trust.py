@@ -10,6 +10,7 @@ import numpy as np
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
+from sinstool.methods.ins_gnss.receiver_offsets import MAX_SIGMA_S
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.course import RECEIVER_CLOCK
@@ -138,6 +139,7 @@ def doubted_start(start: FilterStart, survey: Sequence[Finding]) -> list[Finding
     return [
         *drifts_too_far(start.drifts),
         *turned_by_latency(start),
+        *denied_attitude(start),
         *unexplained_velocities(start),
         *of_another_clock(survey, start),
     ]
@@ -184,6 +186,23 @@ def turned_by_latency(start: FilterStart) -> list[Finding]:
     ]
 
 
+def denied_attitude(start: FilterStart) -> list[Finding]:
+    """A first attitude by an option that the fixes of the minutes after it deny."""
+    if not start.denied:
+        return []
+    return [
+        Finding(
+            "stated-attitude",
+            "the fixes that follow are clearly likelier with another first attitude than that of"
+            f" --align (twice the log likelihood: {start.denied:.0f} more): attitude and its sigmas"
+            " are not to be trusted",
+            Severity.LOST,
+            "leave --align and --initial-attitude out, or correct them",
+            numbers={"twice_log_likelihood": start.denied},
+        )
+    ]
+
+
 def unexplained_velocities(start: FilterStart) -> list[Finding]:
     """Velocities that fit the receiver's own positions, and not the Imu."""
     if start.unexplained <= MOST_UNEXPLAINED:
@@ -215,7 +234,7 @@ def of_another_clock(survey: Sequence[Finding], start: FilterStart) -> list[Find
     if clock is None or (
         shown is not None
         and start.latency_status in ("found", "given")
-        and shown.observable
+        and shown.sigma_s <= MAX_SIGMA_S
         and not shown.latency_contradicts(start.settings.gnss_latency)
     ):
         return []
