@@ -23,6 +23,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import exp, multiply
 from sinstool.core.streams import take_rows
 from sinstool.core.units import DEGREE
@@ -69,6 +70,23 @@ def with_likeliest(
         return start
     how = f"{start.how}; then another, which makes the fixes of the first minutes likelier"
     return replace(start, start=best, how=how)
+
+
+def denied_attitude(start: FilterStart) -> list[Finding]:
+    """A first attitude by an option that the fixes of the minutes after it deny."""
+    if not start.denied:
+        return []
+    return [
+        Finding(
+            "stated-attitude",
+            "the fixes that follow are clearly likelier with another first attitude than that of"
+            f" --align (twice the log likelihood: {start.denied:.0f} more): attitude and its sigmas"
+            " are not to be trusted",
+            Severity.LOST,
+            "leave --align and --initial-attitude out, or correct them",
+            numbers={"twice_log_likelihood": start.denied},
+        )
+    ]
 
 
 def likeliest(

@@ -13,6 +13,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.receiver_offsets import MAX_SIGMA_S
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.likeliest_attitude import denied_attitude
 from sinstool.survey.course import RECEIVER_CLOCK
 
 # What a latency may be off by, over the fixes' own noise, that is worth a warning.
@@ -182,23 +183,6 @@ def turned_by_latency(start: FilterStart) -> list[Finding]:
             Severity.LOST,
             "leave --gnss-latency out, or correct it",
             numbers={"attitude_deg": angle / DEGREE, "attitude_over_sigma": sigmas},
-        )
-    ]
-
-
-def denied_attitude(start: FilterStart) -> list[Finding]:
-    """A first attitude by an option that the fixes of the minutes after it deny."""
-    if not start.denied:
-        return []
-    return [
-        Finding(
-            "stated-attitude",
-            "the fixes that follow are clearly likelier with another first attitude than that of"
-            f" --align (twice the log likelihood: {start.denied:.0f} more): attitude and its sigmas"
-            " are not to be trusted",
-            Severity.LOST,
-            "leave --align and --initial-attitude out, or correct them",
-            numbers={"twice_log_likelihood": start.denied},
         )
     ]
 

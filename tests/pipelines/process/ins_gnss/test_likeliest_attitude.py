@@ -62,7 +62,8 @@ def test_a_wrong_heading_is_not_the_likeliest(begun, heading_deg):
     updates = run.push(motion, start.used).updates
     at = int(np.searchsorted(truth.seconds, (updates.time_ns[-1] - T0) * 1e-9))
     off = log(multiply(from_dcm(truth.c_nb[at]), conjugate(updates.q_nb[-1])))
-    assert np.abs(off).max() < 4.0 * DEG
+    sigma = np.sqrt(np.diagonal(updates.covariance_attitude_n[-1]))
+    assert np.all(np.abs(off) < 4.0 * sigma) and sigma.max() < 10.0 * DEG
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 3.0])
