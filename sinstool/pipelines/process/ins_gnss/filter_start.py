@@ -62,8 +62,8 @@ class FilterStart:
         How many times as far as options that say how good the Imu is explain the navigation drifts
         where fixes are left out; 1 where that shows no more.
     turned : tuple of float, optional
-        How far the attitude is, in sigmas and in rad, from that with the latency that the log shows
-        where it contradicts the one given.
+        How far the attitude is, in sigmas and in rad, from that with the latency and the lever arm
+        that the log shows where it contradicts those in use.
     denied : float, optional
         By how much -2 log likelihood is less with another first attitude than with that of options;
         0 where none is clearly likelier.

@@ -227,17 +227,20 @@ def timed_start(
 def _turned(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> tuple[float, float]:
-    """How far a latency that was given, and that the log contradicts, turns the attitude.
+    """How far a latency that was given or a lever arm, if the log contradicts it, turns attitude.
 
-    In sigmas and in rad. A start from fixes at a wrong time may be anywhere, whatever its sigmas.
+    In sigmas and in rad. A start from fixes of a wrong time or place may be anywhere, whatever its
+    sigmas.
     """
-    shown = start.offsets
-    if shown is None or start.latency_status != "given":
+    shown, given = start.offsets, start.latency_status == "given"
+    if shown is None:
         return 0.0, 0.0
-    if not shown.latency_contradicts(start.settings.gnss_latency):
+    late = given and shown.latency_contradicts(start.settings.gnss_latency)
+    if not (late or shown.arm_contradicts):
         return 0.0, 0.0
-    gnss = config.gnss.model_copy(update={"gnss_latency": shown.latency_s})
-    timed = config.model_copy(update={"gnss": gnss})
+    settings = _by_the_fixes(start).settings
+    gnss = {"gnss_latency": settings.gnss_latency, "lever_arm": settings.lever_arm_b}
+    timed = config.model_copy(update={"gnss": config.gnss.model_copy(update=gnss)})
     try:
         other = first_start(source, timed, start.grade, start.lag)
     except AlignmentError:

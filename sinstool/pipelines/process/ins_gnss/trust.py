@@ -25,8 +25,9 @@ MOST_REJECTED = 0.2
 LEAST_FIXES = 20
 # Drift without fixes over its sigma: beyond this, options make the Imu better than it is.
 MOST_DRIFT = 2.0
-# An attitude is elsewhere with another latency by more than so many sigmas, and this, rad.
-MOST_TURNED, LEAST_TURNED = 4.0, 2.0 * DEGREE
+# An attitude is elsewhere with another latency or arm by more than so many sigmas, and this, rad.
+# Sigmas hold what a wrong arm turns a filter by, not what it turns its start by.
+MOST_TURNED, LEAST_TURNED, LEAST_BY_ARM = 4.0, 2.0 * DEGREE, 5.0 * DEGREE
 # Velocities are so many times as noisy beside the Imu as beside the receiver's own positions.
 MOST_UNEXPLAINED = 1.3
 # Innovations squared over what was expected: beyond these the sigmas say nothing.
@@ -139,7 +140,7 @@ def doubted_start(start: FilterStart, survey: Sequence[Finding]) -> list[Finding
     """
     return [
         *drifts_too_far(start.drifts),
-        *turned_by_latency(start),
+        *turned_by_offsets(start),
         *denied_attitude(start),
         *unexplained_velocities(start),
         *of_another_clock(survey, start),
@@ -168,20 +169,29 @@ def drifts_too_far(ratio: float) -> list[Finding]:
     ]
 
 
-def turned_by_latency(start: FilterStart) -> list[Finding]:
-    """An attitude that fixes at a wrong time, by an option, have led elsewhere."""
+def turned_by_offsets(start: FilterStart) -> list[Finding]:
+    """An attitude that fixes at a wrong time or place, by an option, have led elsewhere."""
     sigmas, angle = start.turned
-    if start.offsets is None or sigmas <= MOST_TURNED or angle <= LEAST_TURNED:
+    shown, settings = start.offsets, start.settings
+    if shown is None or sigmas <= MOST_TURNED:
         return []
-    given_ms, shown_ms = 1e3 * start.settings.gnss_latency, 1e3 * start.offsets.latency_s
+    if angle <= (LEAST_BY_ARM if shown.arm_contradicts else LEAST_TURNED):
+        return []
+    if shown.arm_contradicts:
+        kind, option, value = "stated-lever-arm", "--lever-arm", "antenna's place"
+        one = ",".join(f"{x:.2f}" for x in shown.arm_b.tolist()) + " m"
+        other = ",".join(f"{x:.2f}" for x in settings.lever_arm_b) + " m"
+    else:
+        kind, option, value = "stated-latency", "--gnss-latency", "latency"
+        one, other = (f"{1e3 * x:.0f} ms" for x in (shown.latency_s, settings.gnss_latency))
     return [
         Finding(
-            "stated-latency",
-            f"the latency that the log shows, {shown_ms:.0f} ms, gives an attitude that is"
-            f" {angle / DEGREE:.0f} deg ({sigmas:.0f} sigmas) from that by the {given_ms:.0f} ms"
-            " given: attitude and its sigmas are not to be trusted",
+            kind,
+            f"the {value} that the log shows, {one}, gives an attitude that is"
+            f" {angle / DEGREE:.0f} deg ({sigmas:.0f} sigmas) from that by the {other} in use:"
+            " attitude and its sigmas are not to be trusted",
             Severity.LOST,
-            "leave --gnss-latency out, or correct it",
+            f"correct {option}",
             numbers={"attitude_deg": angle / DEGREE, "attitude_over_sigma": sigmas},
         )
     ]
