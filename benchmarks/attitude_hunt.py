@@ -58,7 +58,16 @@ KINDS = {
 }
 FAR_DEG, FAR_SIGMAS = 0.5, 3.0
 # Findings that say that roll and pitch may be further off than their sigmas
-SAYING = {"bursts", "gyro-at-stop", "long-turns", "saturation", "time-source", "unsure-motion"}
+SAYING = {
+    "bursts",
+    "gyro-at-stop",
+    "long-turns",
+    "motion-denied",
+    "other-rate",
+    "saturation",
+    "time-source",
+    "unsure-motion",
+}
 WORST = 10
 
 

@@ -47,7 +47,6 @@ WITH_GNSS: Kinds = {
 WITHOUT_GNSS: Kinds = {
     **SENSORS,
     "--motion": ("hand", "vehicle"),
-    "--attitude": ("smoothed", "inertial"),
     "--align": ("level",),
     "--imu-rate": ("200",),
     "--max-gap": ("5",),
