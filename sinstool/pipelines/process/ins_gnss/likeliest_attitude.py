@@ -42,6 +42,8 @@ from sinstool.survey.source import Source
 # wrong than one that is stated may be.
 HEADINGS, HEADING_SIGMA = 8, 20.0 * DEGREE
 TILT_SIGMA, STATED_TILT_SIGMA = 5.0 * DEGREE, 20.0 * DEGREE
+# A heading that motion shows to better than this, rad, is not one of several.
+PLAIN = 3.0 * DEGREE
 # By how much -2 log likelihood must fall: four sigmas of one that motion shows, as what is taken
 # instead claims less; five of one that is stated, before it is denied.
 LEAST_GAIN, DENIED = 16.0, 25.0
@@ -61,8 +63,10 @@ def with_likeliest(
     judged : FilterStart
         The same with the latency and the lever arm that fixes are to be judged with.
     """
-    motion = motion_from(source, config, algorithm, start.time_ns)
     stated = config.align.align not in (*IN_FLIGHT, "auto")
+    if not stated and start.start.covariance_attitude_n[2, 2] < PLAIN**2:
+        return start
+    motion = motion_from(source, config, algorithm, start.time_ns)
     best, gain = likeliest(judged, motion, STATED_TILT_SIGMA if stated else TILT_SIGMA)
     if stated:
         return replace(start, denied=gain if gain > DENIED else 0.0)
