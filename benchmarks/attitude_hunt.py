@@ -5,7 +5,8 @@ multicopter, a motorcycle, a train, a tractor, a glider, a helicopter) and a log
 of it, by sensors of a random grade, mounted any way up. Beside noise and constant errors these may
 have biases that change while they warm up or follow the specific force, quantised and clipped
 outputs, vibration of 20 to 150 Hz, low rates, stamps with jitter or of receipt in bursts, samples
-that are lost, repeated or late, and gaps. The log goes through the whole command, without options.
+that are lost, repeated or late, and gaps. The log goes through the whole command, without options,
+or with --options with one of `wrong_options.py` for each log, most of which are wrong.
 
 The attitude written is held against the truth at its stamps, less what they are late in the mean,
 ten times a second, and by the covariance written with it. A *miss* is a log whose tilt is off by
@@ -16,6 +17,7 @@ A table has all that was random about each seed; --only makes and shows one seed
 
 python benchmarks/attitude_hunt.py --logs 200 --jobs 2
 python benchmarks/attitude_hunt.py --only 17
+python benchmarks/attitude_hunt.py --options --logs 200
 python benchmarks/attitude_hunt.py --kinds train glider --logs 100 --quiet
 """
 
@@ -35,6 +37,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from benchmarks.common import FloatArray, over_seeds, parser, print_table
 from benchmarks.trusted_navigation import BODY, WORLD
+from benchmarks.wrong_options import without_gnss
 from sinstool.cli.main import cli
 from sinstool.core.units import DEGREE
 from sinstool.io.readers import open_log
@@ -55,7 +58,16 @@ KINDS = {
 }
 FAR_DEG, FAR_SIGMAS = 0.5, 3.0
 # Findings that say that roll and pitch may be further off than their sigmas
-SAYING = {"bursts", "gyro-at-stop", "long-turns", "saturation", "time-source", "unsure-motion"}
+SAYING = {
+    "bursts",
+    "gyro-at-stop",
+    "long-turns",
+    "motion-denied",
+    "other-rate",
+    "saturation",
+    "time-source",
+    "unsure-motion",
+}
 WORST = 10
 
 
@@ -122,8 +134,8 @@ def judged(out: Path, log: Log, seconds: FloatArray) -> tuple[float, float, floa
     return size, ratio, float(np.sqrt(np.mean(heading**2 / p[:, 2, 2])))
 
 
-def hunted(seed: int, kinds: Sequence[str]) -> Outcome:
-    """One log through the command."""
+def hunted(seed: int, kinds: Sequence[str], options: bool = False) -> Outcome:
+    """One log through the command, without options, or with one that need not suit it."""
     random = np.random.default_rng([seed, 91])
     kind, grade = str(random.choice(list(kinds))), str(random.choice(list(GRADES)))
     duration = log_uniform(random, 20.0, 600.0)
@@ -134,12 +146,14 @@ def hunted(seed: int, kinds: Sequence[str]) -> Outcome:
     moving = Motion(*(getattr(whole, name)[first:] for name in names))
     texts, log = measured(random, moving, grade)
     more, log = recorded(random, log)
-    what = "; ".join(filter(None, [f"{kind} {begin:.0f}+{duration:.0f} s", grade, *texts, *more]))
+    option = without_gnss(np.random.default_rng([seed, 92])) if options else []
+    parts = [f"{kind} {begin:.0f}+{duration:.0f} s", grade, *texts, *more, " ".join(option)]
+    what = "; ".join(filter(None, parts))
     with tempfile.TemporaryDirectory() as folder:
         path = written(Path(folder) / f"{seed}.mcap", log)
         out = path.with_suffix(".out.mcap")
         words = ["process", str(path), "-o", str(out), "--json", "-q", "--only-results",
-                 "--compression", "lz4", "--emit", "imu"]  # fmt: skip
+                 "--compression", "lz4", "--emit", "imu", *option]  # fmt: skip
         ran = CliRunner().invoke(cli, words, standalone_mode=False)
         status = ran.return_value if isinstance(ran.return_value, int) else ran.exit_code
         if not out.exists():
@@ -162,11 +176,12 @@ def hunted(seed: int, kinds: Sequence[str]) -> Outcome:
 def main() -> None:
     options = parser(__doc__, logs=200, first=1, jobs=2)
     options.add_argument("--only", type=int, help="this seed alone")
+    options.add_argument("--options", action="store_true", help="one option for each log")
     options.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     options.add_argument("--quiet", action="store_true", help="no table of all seeds")
     args = options.parse_args()
     seeds = range(args.first, args.first + args.logs) if args.only is None else [args.only]
-    outcomes = over_seeds(partial(hunted, kinds=args.kinds), seeds, args.jobs)
+    outcomes = over_seeds(partial(hunted, kinds=args.kinds, options=args.options), seeds, args.jobs)
     head = ["seed", "what", "status", "tilt deg", "sigmas", "heading sigmas", "findings", ""]
     if not args.quiet:
         print_table(head, (one.row() for one in outcomes))

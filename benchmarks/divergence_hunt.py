@@ -13,12 +13,14 @@ again. With --others it hunts among boats, walks and multicopters instead, or am
 follow it: motorcycles, trains, tractors, gliders, helicopters. With --errors logs also have some of
 those of tests/helpers/unseen_errors.py: axes that are not square, biases that follow specific force
 or temperature, vibration, 16 bits, lost samples, stamps by receipt, clocks that drift, any
-mounting, fixes that wander or say nothing of their noise.
+mounting, fixes that wander or say nothing of their noise. With --options each log gets one more of
+the options of `wrong_options.py`, most of which are wrong.
 
 python benchmarks/divergence_hunt.py --logs 500 --jobs 2
 python benchmarks/divergence_hunt.py --only 17
 python benchmarks/divergence_hunt.py --right --logs 100
 python benchmarks/divergence_hunt.py --errors --right --logs 100
+python benchmarks/divergence_hunt.py --errors --right --options --logs 100
 python benchmarks/divergence_hunt.py --others motorcycle train tractor glider helicopter --logs 100
 """
 
@@ -35,6 +37,7 @@ import numpy as np
 
 from benchmarks.common import over_seeds, parser, print_table
 from benchmarks.trusted_navigation import process
+from benchmarks.wrong_options import with_gnss
 from sinstool.core.units import DEGREE
 from sinstool.methods.sensor_errors import IMU_GRADES
 from tests.helpers.unseen_drives import (
@@ -264,16 +267,20 @@ def harmless(words: list[str]) -> list[str]:
 
 
 def hunted(
-    seed: int, right: bool = False, others: Sequence[str] = (), errors: bool = False
+    seed: int,
+    right: bool = False,
+    others: Sequence[str] = (),
+    errors: bool = False,
+    options: bool = False,
 ) -> Outcome:
     """One log through the command, with random options, or without those that may be wrong."""
     random = np.random.default_rng([seed, 77])
     moving, truth = trajectory(random, others)
     grade = str(random.choice(list(SENSORS)))
-    heard, options = receiver(random)
+    heard, fixes = receiver(random)
     instrument = np.random.default_rng([seed, 78])
     at, truth, lever = mounted(instrument, truth) if errors else ([], truth, LEVER)
-    texts, data = faulty(random, record(truth, SENSORS[grade], seed, lever=lever, **options))
+    texts, data = faulty(random, record(truth, SENSORS[grade], seed, lever=lever, **fixes))
     words = settings(random, lever)
     words = harmless(words) if right else words
     if errors:
@@ -281,6 +288,8 @@ def hunted(
         texts = [*texts, *at, *more]
         known = ["--lever-arm", ",".join(f"{x:.4f}" for x in lever)]
         words = words if "--lever-arm" in words else [*words, *known]
+    if options:
+        words = [*words, *with_gnss(np.random.default_rng([seed, 79]), truth.c_nb[0])]
     what = "; ".join([moving, grade, heard, *texts, " ".join(words)])
     with tempfile.TemporaryDirectory() as folder:
         log = write(Path(folder) / f"{seed}.mcap", data)
@@ -309,12 +318,14 @@ def main() -> None:
     options = parser(__doc__, logs=500, first=1, jobs=2)
     options.add_argument("--right", action="store_true", help="no options that are wrong")
     options.add_argument("--errors", action="store_true", help="of other instruments, too")
+    options.add_argument("--options", action="store_true", help="one more option for each log")
     options.add_argument("--only", type=int, help="this seed alone")
     options.add_argument("--others", nargs="*", choices=OTHERS, help="vehicles of other kinds")
     args = options.parse_args()
     others = () if args.others is None else args.others or USUAL_OTHERS
     seeds = range(args.first, args.first + args.logs) if args.only is None else [args.only]
-    work = partial(hunted, right=args.right, others=others, errors=args.errors)
+    kinds = {"right": args.right, "others": others, "errors": args.errors}
+    work = partial(hunted, **kinds, options=args.options)
     outcomes = over_seeds(work, seeds, args.jobs)
     status = Counter(outcome.status for outcome in outcomes)
     solved = [outcome for outcome in outcomes if np.isfinite(outcome.end_m)]

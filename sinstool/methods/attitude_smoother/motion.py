@@ -68,8 +68,8 @@ class Motion:
         Log likelihood of a vehicle less that of a hand, nat per moving epoch, or the same over
         moving seconds, scaled, if that is larger; None where the kind was chosen by other means.
     short : bool
-        The motion is too short to show whether its position is bounded: then it is a vehicle's,
-        as that claims less, unless a vehicle is hardly likelier.
+        The motion is too short to show that its position is bounded: then it is a vehicle's, as
+        that claims less, unless a vehicle is hardly likelier. That it is not may show all the same.
     chosen : bool
         By the user. The margin of a hand that was chosen says what the log thinks of it.
     """
@@ -82,17 +82,18 @@ class Motion:
     @property
     def sure(self) -> bool:
         """Whether the margin is far from where the choice turns."""
-        if self.chosen:
+        if self.chosen or self.margin is None or self._no_hand:
             return True
-        if self.short:
-            return False
-        return self.margin is None or abs(self.margin - MARGIN) > UNSURE * MARGIN
+        return not self.short and self.margin < (1.0 - UNSURE) * MARGIN
 
     @property
     def denied(self) -> bool:
         """Whether the log shows that a hand, which was chosen, is a vehicle."""
-        vehicle = self.margin is not None and self.margin > (1.0 + UNSURE) * MARGIN
-        return self.chosen and self.model.name == "hand" and vehicle
+        return self.chosen and self.model.name == "hand" and self._no_hand
+
+    @property
+    def _no_hand(self) -> bool:
+        return self.margin is not None and self.margin > (1.0 + UNSURE) * MARGIN
 
 
 def find_motion(

@@ -185,6 +185,15 @@ def test_a_few_seconds_do_not_show_that_a_position_is_bounded():
         assert chosen.model.name == "hand" and chosen.sure and not chosen.denied
 
 
+def test_a_few_seconds_of_the_way_of_a_vehicle_are_no_hands():
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=False, earth_removed=True)
+    for seed in range(3, 8):
+        epochs = epochs_of(drawn(VEHICLE, sensors, 30.0, seed, turning=0.5).solution)
+        motion = find_motion(epochs, sensors)
+        assert motion.model.name == "vehicle" and motion.short
+        assert motion.sure
+
+
 def test_a_hand_that_was_chosen_is_denied_by_the_way_of_a_vehicle():
     sensors = sensor_model("mems", walk_at_rest=None, bias_known=False, earth_removed=True)
     epochs = epochs_of(drawn(VEHICLE, sensors, 120.0, 3, turning=0.5).solution)

@@ -19,18 +19,21 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import velocity_noise_bound
+from sinstool.methods.ins_gnss.receiver_offsets import MAX_SIGMA_S
 from sinstool.pipelines.process.ins_gnss.filter_settings import imu_stated
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import Drift
+from sinstool.pipelines.process.ins_gnss.likeliest_attitude import denied_attitude
 from sinstool.pipelines.process.ins_gnss.timing import motion_from, white_noise
 from sinstool.survey.course import RECEIVER_CLOCK
 from sinstool.survey.source import Source
 
 # Drift without fixes over its sigma: beyond this, options make the Imu better than it is.
 MOST_DRIFT = 2.0
-# An attitude is elsewhere with another latency by more than so many sigmas, and this, rad.
-MOST_TURNED, LEAST_TURNED = 4.0, 2.0 * DEGREE
+# An attitude is elsewhere with another latency or arm by more than so many sigmas, and this, rad.
+# Sigmas hold what a wrong arm turns a filter by, not what it turns its start by.
+MOST_TURNED, LEAST_TURNED, LEAST_BY_ARM = 4.0, 2.0 * DEGREE, 5.0 * DEGREE
 # Of the time that attitudes of two filters are compared, they are no further apart, %.
 MOST_OF_IT = 90.0
 # Velocities are so many times as noisy beside the Imu as beside the receiver's own positions.
@@ -54,17 +57,20 @@ def held_against_log(
 def _turned(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> tuple[float, float]:
-    """How far a latency that was given, and that the log contradicts, turns the attitude.
+    """How far a latency that was given or a lever arm, if the log contradicts it, turns attitude.
 
-    In sigmas and in rad. A start from fixes at a wrong time may be anywhere, whatever its sigmas.
+    In sigmas and in rad. A start from fixes of a wrong time or place may be anywhere, whatever its
+    sigmas.
     """
-    shown = start.offsets
-    if shown is None or start.latency_status != "given":
+    shown, given = start.offsets, start.latency_status == "given"
+    if shown is None:
         return 0.0, 0.0
-    if not shown.latency_contradicts(start.settings.gnss_latency):
+    late = given and shown.latency_contradicts(start.settings.gnss_latency)
+    if not (late or shown.arm_contradicts):
         return 0.0, 0.0
-    gnss = config.gnss.model_copy(update={"gnss_latency": shown.latency_s})
-    timed = config.model_copy(update={"gnss": gnss})
+    settings = start.by_the_fixes.settings
+    gnss = {"gnss_latency": settings.gnss_latency, "lever_arm": settings.lever_arm_b}
+    timed = config.model_copy(update={"gnss": config.gnss.model_copy(update=gnss)})
     try:
         other = first_start(source, timed, start.grade, start.lag)
     except AlignmentError:
@@ -129,7 +135,8 @@ def denials(start: FilterStart, survey: Sequence[Finding]) -> list[Finding]:
     """
     return [
         *drifts_too_far(start.drifts),
-        *turned_by_latency(start),
+        *turned_by_offsets(start),
+        *denied_attitude(start),
         *unexplained_velocities(start),
         *of_another_clock(survey, start),
     ]
@@ -157,20 +164,29 @@ def drifts_too_far(ratio: float) -> list[Finding]:
     ]
 
 
-def turned_by_latency(start: FilterStart) -> list[Finding]:
-    """An attitude that fixes at a wrong time, by an option, have led elsewhere."""
+def turned_by_offsets(start: FilterStart) -> list[Finding]:
+    """An attitude that fixes at a wrong time or place, by an option, have led elsewhere."""
     sigmas, angle = start.turned
-    if start.offsets is None or sigmas <= MOST_TURNED or angle <= LEAST_TURNED:
+    shown, settings = start.offsets, start.settings
+    if shown is None or sigmas <= MOST_TURNED:
         return []
-    given_ms, shown_ms = 1e3 * start.settings.gnss_latency, 1e3 * start.offsets.latency_s
+    if angle <= (LEAST_BY_ARM if shown.arm_contradicts else LEAST_TURNED):
+        return []
+    if shown.arm_contradicts:
+        kind, option, value = "stated-lever-arm", "--lever-arm", "antenna's place"
+        one = ",".join(f"{x:.2f}" for x in shown.arm_b.tolist()) + " m"
+        other = ",".join(f"{x:.2f}" for x in settings.lever_arm_b) + " m"
+    else:
+        kind, option, value = "stated-latency", "--gnss-latency", "latency"
+        one, other = (f"{1e3 * x:.0f} ms" for x in (shown.latency_s, settings.gnss_latency))
     return [
         Finding(
-            "stated-latency",
-            f"the latency that the log shows, {shown_ms:.0f} ms, gives an attitude that is"
-            f" {angle / DEGREE:.0f} deg ({sigmas:.0f} sigmas) from that by the {given_ms:.0f} ms"
-            " given: attitude and its sigmas are not to be trusted",
+            kind,
+            f"the {value} that the log shows, {one}, gives an attitude that is"
+            f" {angle / DEGREE:.0f} deg ({sigmas:.0f} sigmas) from that by the {other} in use:"
+            " attitude and its sigmas are not to be trusted",
             Severity.LOST,
-            "leave --gnss-latency out, or correct it",
+            f"correct {option}",
             numbers={"attitude_deg": angle / DEGREE, "attitude_over_sigma": sigmas},
         )
     ]
@@ -212,7 +228,7 @@ def of_another_clock(survey: Sequence[Finding], start: FilterStart) -> list[Find
     if clock is None or (
         shown is not None
         and start.latency_status in ("found", "given")
-        and shown.observable
+        and shown.sigma_s <= MAX_SIGMA_S
         and not shown.latency_contradicts(start.settings.gnss_latency)
     ):
         return []

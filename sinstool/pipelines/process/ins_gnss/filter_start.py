@@ -92,8 +92,11 @@ class FilterStart:
         How many times as far as options that say how good the Imu is explain the navigation drifts
         where fixes are left out; 1 where that shows no more.
     turned : tuple of float, optional
-        How far the attitude is, in sigmas and in rad, from that with the latency that the log shows
-        where it contradicts the one given.
+        How far the attitude is, in sigmas and in rad, from that with the latency and the lever arm
+        that the log shows where it contradicts those in use.
+    denied : float, optional
+        By how much -2 log likelihood is less with another first attitude than with that of options;
+        0 where none is clearly likelier.
     unexplained : float, optional
         How many times as noisy as the positions of the same receiver allow its velocities are
         beside the Imu, whatever the latency and the lever arm.
@@ -120,6 +123,7 @@ class FilterStart:
     slow_errors: tuple[float, float] = (1.0, 1.0)
     drifts: float = 1.0
     turned: tuple[float, float] = (0.0, 0.0)
+    denied: float = 0.0
     unexplained: float = 0.0
 
     @cached_property

@@ -31,6 +31,7 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import (
     shown_increments,
 )
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
+from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.receiver import (
     times_as_noisy,
     velocities_noisier,
@@ -70,6 +71,7 @@ def timed_start(
         start = _drifting(source, config, algorithm, first, start)
         # A poor Imu follows fixes wherever they go, until it is known to be a better one
         start = _wandering(source, config, algorithm, start)
+    start = with_likeliest(source, config, algorithm, start, start.by_the_fixes)
     start = held_against_log(source, config, algorithm, start)
     source.samples.made.clear()
     start = replace(start, warnings=(*_warnings(start), *start.warnings))
@@ -123,8 +125,10 @@ def _timed(
             timed = replace(timed, lever_arm_b=(x, y, z))
         found = find_start(source, here, timed, StartFixes.of(first.used, timed.gnss))
         start = start_in_longest(source, config, replace(first.at(found), settings=timed))
+        start = with_likeliest(source, config, algorithm, start, start)
         return _with_noise(source, config, algorithm, start)
 
+    first = with_likeliest(source, config, algorithm, first, first)
     noisy = _with_noise(source, config, algorithm, first)
     if noisy.noisier != first.noisier:
         # The start is one at fixes, and may use their speed

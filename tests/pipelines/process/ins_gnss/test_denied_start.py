@@ -10,17 +10,18 @@ from tests.helpers.filter_logs import run, simulated
 
 
 @pytest.mark.parametrize(
-    ("status", "observable", "contradicts", "trusted"),
+    ("status", "sigma_s", "contradicts", "trusted"),
     [
-        ("found", True, False, True),
-        ("given", True, False, True),
-        ("given", True, True, False),
-        ("not settled", True, False, False),
-        ("not observable", False, False, False),
+        ("found", 0.01, False, True),
+        ("found", 0.2, False, False),  # whose estimates follow what they are made about
+        ("given", 0.01, False, True),
+        ("given", 0.01, True, False),
+        ("not settled", 0.01, False, False),
+        ("not observable", 0.2, False, False),
     ],
 )
-def test_only_motion_makes_up_for_another_clock(status, observable, contradicts, trusted):
-    shown = SimpleNamespace(observable=observable, latency_contradicts=lambda _: contradicts)
+def test_only_motion_makes_up_for_another_clock(status, sigma_s, contradicts, trusted):
+    shown = SimpleNamespace(sigma_s=sigma_s, latency_contradicts=lambda _: contradicts)
     settings = SimpleNamespace(gnss_latency=0.0)
     start = SimpleNamespace(offsets=shown, latency_status=status, settings=settings)
     clock = Finding("receiver-clock", "two", answer="give it", numbers={"ahead_s": 2.0})
