@@ -83,16 +83,16 @@ def test_sensors_that_an_idling_engine_shakes_are_known_by_their_noise_in_motion
     assert noise.settings.imu == IMU_GRADES["mems"] and not noise.grade.by_drift
 
 
-def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path):
-    log = idling(tmp_path / "log.mcap", "mems", 3)
-    start = start_of(log, gnss={"gnss_latency": 0.0})
-    imu, better = start.settings.imu, IMU_GRADES["industrial"]
-    assert start.grade.by_drift and start.grade.grade in ("industrial", "tactical")
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path, seed):
+    start = start_of(idling(tmp_path / "log.mcap", "mems", seed), gnss={"gnss_latency": 0.0})
+    imu, truth = start.settings.imu, SIMULATED_GRADES["mems"]
     assert "by its drift without fixes" in start.grade.why
     # The rest, at which it shakes, bounds no noise, but motion does; of biases drift says little
-    truth = SIMULATED_GRADES["mems"]
     assert 0.3 < imu.angle_random_walk / truth.angle_random_walk < 1.3
-    assert imu.gyro_scale <= better.gyro_scale and imu.accel_bias >= better.accel_bias
+    assert imu.accel_bias >= IMU_GRADES["industrial"].accel_bias
+    # and noise alone does not make a better grade of it
+    assert start.grade.grade in ("mems", "industrial")
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])

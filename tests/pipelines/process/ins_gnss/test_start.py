@@ -8,16 +8,22 @@ from sinstool.core.errors import AlignmentError
 from sinstool.methods.alignment import in_motion
 from sinstool.pipelines.process.ins_gnss import first_state, timing
 from tests.helpers.filter_logs import simulated, start_of
-from tests.helpers.unseen_drives import cruise, record, sensor_errors, write
+from tests.helpers.unseen_drives import (
+    GRADES,
+    LEVER,
+    cruise,
+    drive,
+    record,
+    sensor_errors,
+    write,
+)
+from tests.helpers.unseen_errors import wandering
 
 
 def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatch):
     """Where its drift gives an Imu another grade all begins anew, but for the first attitude."""
-    log = simulated(
-        tmp_path / "log.mcap", "drive", "--duration", "600", "--still", "30", "--grade", "mems",
-        "--rate", "50", "--seed", "3", "--idle", "0.3,0.01", "--no-scale-errors",
-        "--no-misalignment", "--no-bias-drift",
-    )  # fmt: skip
+    data = record(drive(1, 400.0, 20.0), GRADES["tactical"], 1, gnss_rate=2.0, sigma=0.4)
+    log = write(tmp_path / "log.mcap", wandering(data, 1, 1.6, 100.0))
     aligned, sought = [], []
     in_flight, filter_run = first_state.in_flight, timing.InsGnssFilter
 
@@ -32,7 +38,7 @@ def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatc
 
     monkeypatch.setattr(first_state, "in_flight", aligning)
     monkeypatch.setattr(timing, "InsGnssFilter", Seeking)
-    start = start_of(log)
+    start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss={"lever_arm": tuple(LEVER)})
     assert start.grade.by_drift
     assert len(aligned) == len(set(aligned)) > 0
     assert len(sought) == len(set(sought)) > 2
