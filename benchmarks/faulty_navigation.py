@@ -2,7 +2,7 @@
 
 Drives by another program (`pyins.sim`), as in trusted_navigation.py; each fault is in a log of its
 own, which goes through `sinstool process --mode ins-gnss` with nothing but the antenna's place.
-The optimal filter of 21 states (tests/helpers/optimal_filter.py) gets the exact noise and a log
+The optimal filter (tests/helpers/optimal_filter.py) gets the exact noise and a log
 without the fault; where the place of the antenna is wrong it gets the same wrong place.
 
 Printed are root mean squares of the horizontal error from five seconds after the fault's end on,

@@ -2,10 +2,10 @@
 
 An hour's drive by another program (`pyins.sim`): 200 Hz, fixes of 5 cm white noise once a second,
 no velocity, sensors with Gauss-Markov biases and scale factors, and axes that are misaligned as
-data sheets say (--aligned: they are not). `optimal` is the dense filter of 21 states of
-tests/helpers/optimal_filter.py, which gets the exact noise, and takes misalignments for noise too,
-as it has no states for them; `told` is `sinstool process` with the same noise by its options;
-`automatic` gets no more than the antenna's place.
+data sheets say (--aligned: they are not). `optimal` is the dense filter of
+tests/helpers/optimal_filter.py, which gets the exact noise, of 21 states and of 12 more where axes
+are misaligned; `told` is `sinstool process` with the same noise by its options; `automatic` gets no
+more than the antenna's place.
 
 Errors with GNSS are root mean squares from --settle on, ten a second, over all draws; beside the
 heading its error over its sigma. Outages of a minute are of a second run: of a filter the error at

@@ -44,6 +44,7 @@ def received_at(time_ns, late_ns):
 
 @given(st.integers(0, 10_000), st.floats(1.0, 12.0))
 @example(279, 12.0)
+@example(2048, 12.0)
 @settings(max_examples=20, deadline=None)
 def test_stamps_of_receipt_give_even_times(seed, scale_ms):
     """Late by exponential times, even by more than an interval: their median remains."""
@@ -52,7 +53,7 @@ def test_stamps_of_receipt_give_even_times(seed, scale_ms):
     even = even_stamps([imu], False)
     assert even is not None and not even.gaps
     (out,) = even.applied([imu])
-    assert even.usual_ns == pytest.approx(INTERVAL, rel=1e-4)
+    assert even.usual_ns == pytest.approx(INTERVAL, rel=1e-5 * (3.0 + scale_ms))
     assert np.std(out.time_ns - time_ns) < 0.15 * scale_ms * MS
     np.testing.assert_allclose(np.diff(out.time_ns), INTERVAL, rtol=2e-3 * scale_ms)
 

@@ -8,7 +8,7 @@ import pytest
 
 from sinstool.core.streams import Solution, concatenate
 from sinstool.methods.ins_gnss.offsets_error import OffsetsError
-from sinstool.pipelines.process.ins_gnss.trust import late_or_early
+from sinstool.pipelines.process.ins_gnss.settings_used import late_or_early
 from tests.helpers.filter_logs import run
 from tests.helpers.unseen_drives import GRADES, LEVER, T0, flight, record, write
 
