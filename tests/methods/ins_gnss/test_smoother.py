@@ -7,12 +7,13 @@ import pytest
 
 from sinstool.core import earth
 from sinstool.core.rotation import conjugate, exp, log, multiply
-from sinstool.methods.ins_gnss import smoother as smoother_module
+from sinstool.methods.ins_gnss import smoothed_epochs as epochs_module
 from sinstool.methods.ins_gnss.layout import SENSORS
 from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
 from sinstool.methods.ins_gnss.rts import CORNER
 from sinstool.methods.ins_gnss.settings import DivergenceControl
-from sinstool.methods.ins_gnss.smoother import Smoother, smooth_epochs, smooth_updates
+from sinstool.methods.ins_gnss.smoothed_epochs import smooth_epochs
+from sinstool.methods.ins_gnss.smoother import COVARIANCES, Smoother, smooth_updates
 from sinstool.methods.ins_gnss.states import FILTERS, GYRO_BIAS, I_MOVING
 from sinstool.methods.strapdown.navigation import SIZE
 from sinstool.simulation.gnss import GnssFaults
@@ -269,10 +270,10 @@ def test_blocks_and_files_change_nothing(limit, rows, at_once, monkeypatch):
     own = updates(stored)
     # each its own, so that one in another's place would be seen
     each = (1.0 + np.arange(len(own)))[:, None, None]
-    own = replace(own, **{n: each * getattr(own, n) for n in smoother_module.COVARIANCES})
+    own = replace(own, **{n: each * getattr(own, n) for n in COVARIANCES})
     epochs = smooth_epochs(stored, KIND, int(own.time_ns[0]))
     whole = smooth_updates(own, 0, epochs)
-    monkeypatch.setattr(smoother_module, "AT_ONCE", at_once)
+    monkeypatch.setattr(epochs_module, "AT_ONCE", at_once)
     with Smoother(KIND, limit) as smoother:
         for k in range(len(stored)):
             part = {n: v[10 * k : 10 * k + 10] for n, v in vars(own).items()}

@@ -11,7 +11,8 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.carried_back import carried_back
 from sinstool.methods.ins_gnss.constraints import REST_VELOCITY
 from sinstool.methods.ins_gnss.settings import Start
-from sinstool.methods.ins_gnss.smoother import SmoothedEpochs, corrected_navigation
+from sinstool.methods.ins_gnss.smoothed_epochs import SmoothedEpochs
+from sinstool.methods.ins_gnss.smoother import corrected_navigation
 from sinstool.methods.ins_gnss.states import (
     ACCEL_BIAS,
     ATTITUDE,
