@@ -56,7 +56,7 @@ class NavigationOptions(Group):
         "velocity at the start of --mode ins, in m/s (default: GNSS velocity, otherwise zero)",
         "N,E,D",
     )
-    imu_grade: Literal["auto", "mems", "industrial", "tactical", "navigation"] = option(
+    imu_grade: Literal["auto", "consumer", "mems", "industrial", "tactical", "navigation"] = option(
         "auto",
         "grade of the sensors, which sets their noise where no figure is given; auto: judged by"
         " the noise of the gyro at rest, or in motion where the log has GNSS and that noise is of a"

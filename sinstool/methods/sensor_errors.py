@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import exp
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core import units
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
 
 Triple = tuple[float, float, float]
-Grade = Literal["mems", "industrial", "tactical", "navigation"]
+Grade = Literal["consumer", "mems", "industrial", "tactical", "navigation"]
+
+LOW_COST: tuple[Grade, ...] = ("consumer", "mems")
+"""Grades whose gyros do not feel the Earth's rotation, and whose rests show their biases."""
 
 # Angular random walk up to which a gyro is of a grade. Laser and fibre gyros of navigation grade
 # have 0.001 to 0.005 deg/sqrt(h), tactical ones 0.02 to 0.1, MEMS 0.15 and more.
 _NAVIGATION_WALK = 0.01 * units.DEGREE_PER_ROOT_HOUR
 _TACTICAL_WALK = 0.12 * units.DEGREE_PER_ROOT_HOUR
+# Low-cost Imus are calibrated, or are not. One sigma of the bias of a gyro axis, rad/s: data sheets
+# of parts for telephones allow 1 to 20 deg/s.
+CALIBRATED, UNCALIBRATED = 0.0035, 0.0175
 # A bias, as the length of a vector, is seldom more than so many sigmas of one of its axes.
 LIKELY = 4.0
 
@@ -124,23 +132,25 @@ def _grades(names: tuple[str, ...], table: _Table) -> dict[str, SensorGrade]:
 # Groves, 2013, has 8 ppm and 100 urad). Tactical: between LN-200 (100 ppm and 100 urad of gyros,
 # 300 ppm of accelerometers; its biases wander by 0.35 deg/h and 50 ug within a minute or two),
 # HG1700 (150 ppm, 500 urad) and Groves' tactical grade (350 ppm, 250 urad). MEMS: modules that are
-# calibrated one by one (ADIS16488, VN-100, MTi): 0.1 %, 0.05 deg, 5 deg/h.
+# calibrated one by one (ADIS16488, VN-100, MTi): 0.1 %, 0.05 deg, 5 deg/h. Consumer: the chips of
+# telephones and hobbyists' boards as they are sold (MPU-6050, BMI160, ICM-20948, LSM6DS3): zero
+# rates of 1 to 20 deg/s and zero levels of 20 to 80 mg at most, 0.5 to 3 % and 1 to 2 % across.
 _SIMULATED: _Table = {
-    "angle_random_walk": (units.DEGREE_PER_ROOT_HOUR, (0.002, 0.05, 0.3)),
-    "velocity_random_walk": (units.MICRO_G, (5.0, 50.0, 150.0)),  # per root Hz
-    "gyro_bias": (units.DEGREE_PER_HOUR, (0.01, 1.0, 5.0)),
-    "accel_bias": (units.MILLI_G, (0.03, 1.0, 2.0)),
-    "gyro_instability": (units.DEGREE_PER_HOUR, (0.002, 0.3, 5.0)),
-    "accel_instability": (units.MILLI_G, (0.005, 0.05, 0.05)),
-    "bias_time_s": (1.0, (1000.0, 100.0, 300.0)),
-    "gyro_scale": (1e-6, (10.0, 200.0, 1000.0)),
-    "accel_scale": (1e-6, (100.0, 300.0, 1000.0)),
-    "gyro_misalignment": (1e-6, (50.0, 200.0, 1000.0)),
-    "accel_misalignment": (1e-6, (50.0, 200.0, 1000.0)),
+    "angle_random_walk": (units.DEGREE_PER_ROOT_HOUR, (0.002, 0.05, 0.3, 0.4)),
+    "velocity_random_walk": (units.MICRO_G, (5.0, 50.0, 150.0, 200.0)),  # per root Hz
+    "gyro_bias": (units.DEGREE_PER_HOUR, (0.01, 1.0, 5.0, 3600.0)),
+    "accel_bias": (units.MILLI_G, (0.03, 1.0, 2.0, 30.0)),
+    "gyro_instability": (units.DEGREE_PER_HOUR, (0.002, 0.3, 5.0, 20.0)),
+    "accel_instability": (units.MILLI_G, (0.005, 0.05, 0.05, 0.2)),
+    "bias_time_s": (1.0, (1000.0, 100.0, 300.0, 300.0)),
+    "gyro_scale": (1e-6, (10.0, 200.0, 1000.0, 10000.0)),
+    "accel_scale": (1e-6, (100.0, 300.0, 1000.0, 10000.0)),
+    "gyro_misalignment": (1e-6, (50.0, 200.0, 1000.0, 10000.0)),
+    "accel_misalignment": (1e-6, (50.0, 200.0, 1000.0, 10000.0)),
 }
 SIMULATED_GRADES = {
     "perfect": SensorGrade(),
-    **_grades(("navigation", "tactical", "mems"), _SIMULATED),
+    **_grades(("navigation", "tactical", "mems", "consumer"), _SIMULATED),
 }
 """What simulated sensors have, by grade."""
 
@@ -151,29 +161,42 @@ SIMULATED_GRADES = {
 # filter is too sure of itself after seconds without fixes, and gates the first ones that come.
 # Scale factors and cross-axis sensitivity of their gyros are 0.5 to 2 % on data sheets. Gyro biases
 # of such sensors were seen to move by 100 deg/h from one stop of a car to one minutes later.
-_GRADES = ("mems", "industrial", "tactical", "navigation")
+_GRADES = ("consumer", "mems", "industrial", "tactical", "navigation")
 _ASSUMED: _Table = {
-    "angle_random_walk": (units.DEGREE_PER_ROOT_HOUR, (3.0, 0.2, 0.05, 0.002)),
-    "velocity_random_walk": (units.MICRO_G, (3000.0, 300.0, 50.0, 10.0)),  # per root Hz
-    "gyro_bias": (units.DEGREE_PER_HOUR, (50.0, 30.0, 1.0, 0.01)),
-    "accel_bias": (units.MILLI_G, (10.0, 2.0, 1.0, 0.05)),
-    "gyro_instability": (units.DEGREE_PER_HOUR, (100.0, 15.0, 0.3, 0.002)),
-    "accel_instability": (units.MILLI_G, (1.0, 0.2, 0.05, 0.005)),
-    "scale_wander": (1.0, (0.1, 0.1, 0.05, 0.1)),
-    "bias_time_s": (1.0, (100.0, 2000.0, 300.0, 1000.0)),
-    "accel_scale": (1.0, (3e-3, 1e-3, 3e-4, 2e-4)),
-    "gyro_scale": (1.0, (5e-3, 1e-3, 3e-4, 2e-4)),
-    "gyro_misalignment": (1.0, (1e-3, 2e-4, 2e-4, 5e-5)),
-    "accel_misalignment": (1.0, (1e-3, 2e-4, 2e-4, 5e-5)),
+    "angle_random_walk": (units.DEGREE_PER_ROOT_HOUR, (3.0, 3.0, 0.2, 0.05, 0.002)),
+    "velocity_random_walk": (units.MICRO_G, (3000.0, 3000.0, 300.0, 50.0, 10.0)),  # per root Hz
+    "gyro_bias": (units.DEGREE_PER_HOUR, (50.0, 50.0, 30.0, 1.0, 0.01)),
+    "accel_bias": (units.MILLI_G, (30.0, 10.0, 2.0, 1.0, 0.05)),
+    "gyro_instability": (units.DEGREE_PER_HOUR, (100.0, 100.0, 15.0, 0.3, 0.002)),
+    "accel_instability": (units.MILLI_G, (1.0, 1.0, 0.2, 0.05, 0.005)),
+    "scale_wander": (1.0, (0.1, 0.1, 0.1, 0.05, 0.1)),
+    "bias_time_s": (1.0, (100.0, 100.0, 2000.0, 300.0, 1000.0)),
+    "accel_scale": (1.0, (1e-2, 3e-3, 1e-3, 3e-4, 2e-4)),
+    "gyro_scale": (1.0, (1e-2, 5e-3, 1e-3, 3e-4, 2e-4)),
+    "gyro_misalignment": (1.0, (1e-2, 1e-3, 2e-4, 2e-4, 5e-5)),
+    "accel_misalignment": (1.0, (1e-2, 1e-3, 2e-4, 2e-4, 5e-5)),
 }
 IMU_GRADES = _grades(_GRADES, _ASSUMED)
 """What a filter assumes, by grade of IMU."""
 
 
+def uncalibrated(gyro_bias: FloatArray) -> float:
+    """Probability that a low-cost Imu is not calibrated, as likely as not before a bias is known.
+
+    Parameters
+    ----------
+    gyro_bias : ndarray, shape (3,)
+        That is found, rad/s.
+    """
+    more = 0.5 * float(gyro_bias @ gyro_bias) * (1.0 / CALIBRATED**2 - 1.0 / UNCALIBRATED**2)
+    odds = exp(min(more, 50.0)) * (CALIBRATED / UNCALIBRATED) ** 3
+    return odds / (1.0 + odds)
+
+
 def grade_by_bias(grade: Grade, gyro_bias: float) -> Grade:
     """The best grade, not above one, whose gyros may have a bias, rad/s."""
     order: tuple[Grade, ...] = ("navigation", "tactical", "industrial")
-    for one in order[order.index(grade) :] if grade != "mems" else ():
+    for one in order[order.index(grade) :] if grade not in LOW_COST else ():
         if gyro_bias <= LIKELY * IMU_GRADES[one].gyro_bias:
             return one
     return "mems"

@@ -10,13 +10,14 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import EARTH_RATE
-from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
+from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import (
     IMU_GRADES,
     LIKELY,
     Grade,
     grade_by_bias,
     grade_by_noise,
+    uncalibrated,
 )
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.rest import longest_rest
@@ -30,6 +31,7 @@ COARSE = 2.0
 REST_S = 30.0  # of a rest whose mean is believed
 BRIEF_REST_S = 10.0  # and of one that it is believed of where no GNSS may show otherwise
 CHANCE_SIGMAS = 2.0  # of the noise of a rest's mean: what may be chance
+LIKELIER = 0.5  # probability
 # Gyros with the noise of tactical or navigation grade may be MEMS, or badly calibrated,
 # but no data sheet allows them a bias beyond this, rad/s.
 LARGEST_BIAS: dict[Grade, float] = {"tactical": 5e-3, "navigation": 1e-3}
@@ -171,11 +173,24 @@ def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
     """Grade of the IMU, and why.
 
     Without a rest to judge by the sensors are taken for MEMS: too much caution costs accuracy,
-    too little the truth of every sigma.
+    too little the truth of every sigma. MEMS whose rest shows a bias that is more likely that of a
+    bare chip are of a consumer's grade.
     """
-    configured, file = config.navigation.imu_grade, config.navigation.imu_noise
-    if configured != "auto":
-        return ImuGrade(configured, "as configured")
+    if config.navigation.imu_grade != "auto":
+        return ImuGrade(config.navigation.imu_grade, "as configured")
+    judged, rest = (
+        _by_noise_and_bias(source, config),
+        longest_rest(source.survey.spans, source.aiding.gnss),
+    )
+    if judged.grade != "mems" or rest is None or uncalibrated(rest.gyro) < LIKELIER:
+        return judged
+    bias = float(np.linalg.norm(rest.gyro)) / DEGREE
+    return ImuGrade("consumer", f"{judged.why}; not calibrated, by a bias of {bias:.2g} deg/s")
+
+
+def _by_noise_and_bias(source: Source, config: ProcessConfig) -> ImuGrade:
+    """A grade by the noise, and a worse one if the bias is too large for it."""
+    file = config.navigation.imu_noise
     measured = walk_in(measured_noise(config))
     walk = random_walk(source) if measured is None else measured
     if walk is None:

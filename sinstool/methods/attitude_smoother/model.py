@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, hypot, sqrt
+from math import hypot, sqrt
 from typing import Literal
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import EARTH_RATE
-from sinstool.methods.sensor_errors import IMU_GRADES, Grade
+from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade, uncalibrated
 
 MotionName = Literal["hand", "vehicle"]
 
@@ -144,26 +144,12 @@ _SHORT_REST_S = 5.0
 LARGE_BIAS = 0.01
 
 
-# Low-cost Imus are calibrated, or are not. One sigma of the bias of a gyro axis, rad/s, and of an
-# accelerometer axis that is not calibrated, m/s^2: data sheets of parts for telephones allow 1 to
-# 20 deg/s and 20 to 80 mg.
-CALIBRATED, UNCALIBRATED, POOR_ACCEL_BIAS = 0.0035, 0.0175, 0.2
+# One sigma of the bias of an accelerometer axis that is not calibrated, m/s^2: data sheets of parts
+# for telephones allow 20 to 80 mg.
+POOR_ACCEL_BIAS = 0.2
 # Beyond this probability the gyros' bias changes as the sensor warms up, by 0.03 deg/s for each
 # kelvin as data sheets say: rad/s/sqrt(s) and rad/s^2.
 SURE, WARMING_WALK, WARMING_DRIFT = 0.95, 5e-5, 2e-5
-
-
-def uncalibrated(gyro_bias: FloatArray) -> float:
-    """Probability that a low-cost Imu is not calibrated, as likely as not before a bias is known.
-
-    Parameters
-    ----------
-    gyro_bias : ndarray, shape (3,)
-        That is found, rad/s.
-    """
-    more = 0.5 * float(gyro_bias @ gyro_bias) * (1.0 / CALIBRATED**2 - 1.0 / UNCALIBRATED**2)
-    odds = exp(min(more, 50.0)) * (CALIBRATED / UNCALIBRATED) ** 3
-    return odds / (1.0 + odds)
 
 
 def poor_accel_bias(gyro_bias: FloatArray) -> float:
@@ -200,7 +186,7 @@ def sensor_model(
 
     Parameters
     ----------
-    grade : {'mems', 'industrial', 'tactical', 'navigation'}
+    grade : {'consumer', 'mems', 'industrial', 'tactical', 'navigation'}
     walk_at_rest : float or None
         Angular random walk that the log shows at rest, rad/sqrt(s).
     bias_known : bool
@@ -215,7 +201,7 @@ def sensor_model(
     """
     seen = 0.0 if walk_at_rest is None else 2.0 * walk_at_rest
     turning = 0.0 if earth_removed else EARTH_RATE / 10.0
-    if grade == "mems":
+    if grade in LOW_COST:
         return replace(
             _MEMS,
             angle_random_walk=max(_MEMS.angle_random_walk, seen),

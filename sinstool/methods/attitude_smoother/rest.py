@@ -39,15 +39,13 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED, SWAY_LASTS
 from sinstool.methods.attitude_smoother.model import (
-    CALIBRATED,
     FIRST_VELOCITY,
     LARGE_BIAS,
-    UNCALIBRATED,
     VEHICLE,
     SensorModel,
 )
 from sinstool.methods.attitude_smoother.start import filtered
-from sinstool.methods.sensor_errors import LIKELY
+from sinstool.methods.sensor_errors import CALIBRATED, LIKELY, UNCALIBRATED
 
 WINDOW = 10  # epochs
 AT_ONCE = 4096  # windows

@@ -17,7 +17,6 @@ from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
 from sinstool.methods.attitude_smoother.model import (
-    CALIBRATED,
     FOLLOWER,
     GRAVITY,
     LARGE_BIAS,
@@ -27,6 +26,7 @@ from sinstool.methods.attitude_smoother.model import (
     poor_accel_bias,
 )
 from sinstool.methods.attitude_smoother.start import NO_KINDS, Prior, first_state, parameters
+from sinstool.methods.sensor_errors import CALIBRATED
 
 NO_PRIOR = Prior()
 # Epochs whose steps of the filter are stored at a time.

@@ -112,6 +112,7 @@ P_START_SPEED = 8
 PARAMETERS = 9
 
 SHADOW_TAU: dict[str, float] = {
+    "consumer": 10.0,
     "mems": 10.0,
     "industrial": 15.0,
     "tactical": 30.0,
@@ -156,7 +157,7 @@ def new_parameters(
     ----------
     network : HeightNetwork
         ``k4`` with the lag of the barometer already taken off.
-    grade : {"mems", "industrial", "tactical", "navigation"}, optional
+    grade : {"consumer", "mems", "industrial", "tactical", "navigation"}, optional
         Says how slow the shadow channel is.
     baro_lag : float, optional
         Known first-order lag of the barometer, s: the shadow channel cancels it, too.

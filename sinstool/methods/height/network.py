@@ -35,6 +35,7 @@ from sinstool.core.errors import ConfigurationError
 from sinstool.methods.sensor_errors import Grade
 
 RECOMMENDED_TAU: dict[str, float] = {
+    "consumer": 5.0,
     "mems": 5.0,
     "industrial": 10.0,
     "tactical": 30.0,
@@ -131,7 +132,7 @@ def recommended(grade: Grade, w2: float = 3.0858e-6) -> HeightNetwork:
 
     Parameters
     ----------
-    grade : {"mems", "industrial", "tactical", "navigation"}
+    grade : {"consumer", "mems", "industrial", "tactical", "navigation"}
     w2 : float, optional
         Gravity's gradient, 1/s^2.
     """

@@ -111,7 +111,7 @@ class VerticalChannel:
         Its ``w2`` should be that of the latitude.
     latitude : float
         Geodetic, rad; for gravity. What it is wrong by goes into the correction.
-    grade : {"mems", "industrial", "tactical", "navigation"}, optional
+    grade : {"consumer", "mems", "industrial", "tactical", "navigation"}, optional
     height, v_up : float, optional
         At the start, m and m/s. The height is the barometer's as soon as that is believed.
     baro_lag : float, optional

@@ -121,6 +121,7 @@ class BaroModel:
 
 
 BARO_GRADES: dict[str, BaroModel] = {
+    "consumer": BaroModel(3.0, 300.0, 0.3),
     "mems": BaroModel(3.0, 300.0, 0.3),
     "industrial": BaroModel(3.0, 300.0, 0.3),
     "tactical": BaroModel(3.0, 300.0, 0.3),
@@ -206,7 +207,7 @@ class Settings:
         See :data:`~sinstool.methods.ins_gnss.states.FILTERS`.
     network : HeightNetwork, optional
         Of filters with one; by default the recommended one of the grade.
-    grade : {"mems", "industrial", "tactical", "navigation"}
+    grade : {"consumer", "mems", "industrial", "tactical", "navigation"}
         For the recommended network.
     feedback : {"closed", "none"}
         Whether mechanisation, sensors and network are corrected by the filter (closed loop),

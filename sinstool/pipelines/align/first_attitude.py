@@ -20,7 +20,7 @@ from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment, tilted
 from sinstool.methods.alignment.still import STEADY_TURN
-from sinstool.methods.sensor_errors import Grade
+from sinstool.methods.sensor_errors import LOW_COST, Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
@@ -122,7 +122,7 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
     gnss, still = source.aiding.gnss, source.survey.lead_in
     if (
         still is not None
-        and grade != "mems"
+        and grade not in LOW_COST
         and still.duration_s >= GYROCOMPASS_S
         and source.latitude is not None
     ):

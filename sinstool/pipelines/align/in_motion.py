@@ -27,7 +27,7 @@ from sinstool.methods.alignment.inflight_types import (
 )
 from sinstool.methods.alignment.span_reader import MOST_SAMPLES, SpanReader
 from sinstool.methods.allan.coefficients import as_measured
-from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
+from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade, SensorGrade
 from sinstool.survey.grade import measured_noise, random_walk
 from sinstool.survey.imu import Survey
 from sinstool.survey.rest import REST_S, longest_rest, rest_end
@@ -105,7 +105,7 @@ def align_moving(
             last = int(fixes.time_ns[-1]) if end is None else end
             later = [ns for s in LATER_S if (ns := start + round(s * SECOND)) < last]
     errors = sensor_errors(config, grade, at_rest, random_walk(source, REST_S) or 0.0)
-    doubtful = grade == "mems" and not at_rest and options.sigma_bg is None
+    doubtful = grade in LOW_COST and not at_rest and options.sigma_bg is None
 
     def begun(
         begin: int | None,
@@ -179,7 +179,7 @@ def bias_at_rest(source: Source, config: ProcessConfig, grade: Grade) -> tuple[n
     option, survey = config.align.gyro_bias, source.survey
     if not isinstance(option, str):
         return turn_body(np.array(option), config.input.body_axes), True
-    if option == "none" or grade != "mems":
+    if option == "none" or grade not in LOW_COST:
         return np.zeros(3), False
     if survey.lead_in is not None:
         return survey.lead_in.gyro.copy(), True

@@ -39,6 +39,7 @@ from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, runs, with
 from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.attitude_smoother.start import Prior
 from sinstool.methods.attitude_smoother.steady import turning, with_steady
+from sinstool.methods.sensor_errors import LOW_COST
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
@@ -221,7 +222,7 @@ class Smoothing:
             # without a heading the level part of the Earth's rate is taken off in a wrong direction
             "earth_removed": omega is not None and alignment.north_referenced,
         }
-        removed = tuple(alignment.gyro_bias.tolist()) if grade == "mems" else None
+        removed = tuple(alignment.gyro_bias.tolist()) if grade in LOW_COST else None
         sensors = sensor_model(grade, bias_known=alignment.bias_source != "none", **about)
         sensors = replace(sensors, bias_removed=removed)
         if removed is not None:

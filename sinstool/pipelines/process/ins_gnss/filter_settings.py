@@ -17,7 +17,7 @@ from sinstool.methods.ins_gnss.settings import (
     Settings,
 )
 from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
-from sinstool.methods.sensor_errors import IMU_GRADES, Grade, SensorGrade
+from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade, SensorGrade
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.imu_fit import next_worse
@@ -61,7 +61,7 @@ def filter_settings(
             virtual_noise=options.virtual_noise == "on"
             or (
                 options.virtual_noise == "auto"
-                and grade == "mems"
+                and grade in LOW_COST
                 and config.navigation.imu_noise is None
             ),
             adaptive=options.adaptive,
@@ -88,7 +88,7 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
         return as_in_motion(source, noise)
     if config.navigation.imu_grade != "auto" or walks is None:
         return noise
-    moving = None if grade.grade == "mems" or file is not None else walks_in_motion(source)
+    moving = None if grade.grade in LOW_COST or file is not None else walks_in_motion(source)
     if moving is not None:
         walks = min(walks[0], moving[0]), min(walks[1], moving[1])
     if options.vrw is None:
@@ -115,6 +115,19 @@ def as_in_motion(source: Source, noise: SensorGrade) -> SensorGrade:
         return noise
     accel = max(noise.velocity_random_walk, moving[1])
     return replace(noise, angle_random_walk=moving[0], velocity_random_walk=accel)
+
+
+def as_noisy_as(imu: SensorGrade, other: SensorGrade) -> SensorGrade:
+    """Errors of sensors with the noise of others, white and slow."""
+    names = (
+        "angle_random_walk",
+        "velocity_random_walk",
+        "gyro_instability",
+        "accel_instability",
+        "bias_time_s",
+    )
+    share = min(1.0, other.scale_wander * other.accel_scale / imu.accel_scale)
+    return replace(imu, scale_wander=share, **{name: getattr(other, name) for name in names})
 
 
 def has_scales(config: ProcessConfig) -> bool:

@@ -37,7 +37,7 @@ from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.land_vehicle.shaking import Shaking, find_shaking
 from sinstool.methods.land_vehicle.track import MeansStage
-from sinstool.methods.sensor_errors import SensorGrade
+from sinstool.methods.sensor_errors import LOW_COST, SensorGrade
 from sinstool.methods.strapdown.joined_updates import JOINED_S
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -463,7 +463,7 @@ def _white_noise(source: Source, start: FilterStart, rest: FloatArray) -> tuple[
     """
     moving, imu = walks_in_motion(source), start.settings.imu
     assumed = imu.angle_random_walk, imu.velocity_random_walk
-    if start.grade.grade == "mems" or not all(assumed):
+    if start.grade.grade in LOW_COST or not all(assumed):
         return ANY, 0.0
     shown = np.full(2, np.inf) if moving is None else np.divide(moving, assumed)
     rest = np.zeros(2) if start.grade.by_drift else np.nan_to_num(rest)

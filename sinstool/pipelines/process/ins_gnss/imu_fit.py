@@ -66,8 +66,12 @@ class Fit:
 def fit(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> Fit | None:
-    """Fit of a filter's settings in a log's first minutes; None where too few fixes show it."""
-    control = replace(start.settings.control, gate_probability=1.0, adaptive="off")
+    """Fit of a filter's settings in a log's first minutes; None where too few fixes show it.
+
+    Fixes that a filter rejects count as well, up to `GATE`: settings that reject good ones are no
+    likelier for it, and bad ones spoil no run.
+    """
+    control = replace(start.settings.control, adaptive="off")
     shaken = shaking(source, config, algorithm, start)
     run = InsGnssFilter(
         start.start,
@@ -88,7 +92,7 @@ def fit(
     if not parts:
         return None
     epochs = concatenate(parts)
-    epochs = take_rows(epochs, epochs.used & np.isfinite(epochs.nis))
+    epochs = take_rows(epochs, np.isfinite(epochs.nis))
     if len(epochs) < LEAST_EPOCHS:
         return None
     square = np.minimum(epochs.nis, GATE)

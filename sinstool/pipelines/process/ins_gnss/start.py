@@ -11,12 +11,13 @@ from sinstool.config import ProcessConfig
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.sensor_errors import Grade
+from sinstool.methods.sensor_errors import LOW_COST, Grade
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 from sinstool.pipelines.process.ins_gnss.denied_start import held_against_log
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
     as_in_motion,
+    as_noisy_as,
     has_scales,
     imu_stated,
     receiver_stated,
@@ -30,7 +31,7 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import (
     shaking,
     shown_increments,
 )
-from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
+from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit, next_worse
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.receiver import (
     times_as_noisy,
@@ -226,6 +227,7 @@ def _drifting(
         other, less = _as_quiet_as_in_motion(source, config, algorithm, other)
         if less.ratio < drift.ratio:
             first, start, drift = begun, other, less
+    first, start, drift = _calibrated(source, config, algorithm, first, start, drift)
     factors = drift.factors()
     better = _better(source, config, drift, factors, start.grade.grade)
     if better is not None:
@@ -261,7 +263,7 @@ def _as_quiet_as_in_motion(
     judged before, as sensors that are taken for too quiet put the blame on them.
     """
     moving, imu = walks_in_motion(source), start.settings.imu
-    stated = start.grade.grade == "mems" or config.navigation.imu_noise is not None
+    stated = start.grade.grade in LOW_COST or config.navigation.imu_noise is not None
     if moving is not None and not stated:
         quiet = replace(
             imu,
@@ -273,6 +275,54 @@ def _as_quiet_as_in_motion(
         if drift.tells:
             return quieter, drift
     return start, Drift(source, config, algorithm, start.by_the_fixes)
+
+
+def _calibrated(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    first: FilterStart,
+    start: FilterStart,
+    drift: Drift,
+) -> tuple[FilterStart, FilterStart, Drift]:
+    """A start whose low-cost Imu is a calibrated one only if innovations are clearly likelier so.
+
+    Both have the noise that the drift shows: that of modules and of bare chips is the same, but
+    scale factors and angles of these are ten times as large, which shows as the vehicle turns.
+
+    Parameters
+    ----------
+    first : FilterStart
+        From which `start` was made.
+    drift : Drift
+        Of `start`.
+    """
+    judged = start.grade.grade
+    if judged not in LOW_COST or config.navigation.imu_noise is not None:
+        return first, start, drift
+    used = drift.factors().of(start.by_the_fixes.settings, False)
+
+    def shown(grade: Grade) -> Fit | None:
+        sensors = as_noisy_as(imu_noise(config, grade, has_scales(config)), used.imu)
+        as_graded = replace(start.by_the_fixes, settings=replace(used, imu=sensors))
+        return fit(source, config, algorithm, as_graded)
+
+    bare, module = shown("consumer"), shown("mems")
+    if bare is None or module is None:
+        return first, start, drift
+    likelier: Grade = "mems" if bare.worse_than(module) else "consumer"
+    if likelier == judged:
+        return first, start, drift
+    why = "as innovations are clearly likelier than as an uncalibrated one"
+    if likelier == "consumer":
+        why = "as innovations do not show that it is calibrated"
+    try:
+        begun = first_start(source, config, ImuGrade(likelier, why), start.lag)
+        other = _timed(source, config, algorithm, begun)
+    except AlignmentError:
+        return first, start, drift
+    log_choice("IMU grade", f"{likelier}, {why}")
+    return begun, *_as_quiet_as_in_motion(source, config, algorithm, other)
 
 
 def _better(
@@ -288,7 +338,7 @@ def _better(
         return None
     order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
     scales = has_scales(config)
-    others = order[order.index(grade) + 1 :]
+    others = order[max(order.index(grade), order.index("mems")) + 1 :]
     sensors = {o: as_in_motion(source, imu_noise(config, o, scales)) for o in others}
     gains = drift.gains(factors, sensors)
     best, least = None, LEAST_GAIN
