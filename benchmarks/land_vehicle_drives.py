@@ -75,7 +75,7 @@ FAULTS = {
     "left wheel slips": ("joint", "--wheel-slip", "5", "--wheel-slipping", "left"),
 }
 ROWS = ("none", "rest", "axle", "axle, wheels", "rest, axle", "all")
-GRADES = ("mems", "tactical", "navigation")
+GRADES = ("consumer", "mems", "tactical", "navigation")
 DURATION, OUTAGE, EVERY, SETTLED = 600.0, 60.0, 150.0, 90.0
 
 

@@ -61,7 +61,7 @@ class NavigationOptions(Group):
         "grade of the sensors, which sets their noise where no figure is given; auto: judged by"
         " the noise of the gyro at rest, or in motion where the log has GNSS and that noise is of a"
         " better grade",
-        brief="mems, industrial, tactical, navigation or auto",
+        brief="consumer, mems, industrial, tactical, navigation or auto",
     )
     imu_noise: str | None = option(
         None,

@@ -155,12 +155,13 @@ SIMULATED_GRADES = {
 """What simulated sensors have, by grade."""
 
 # Industrial, tactical and navigation grade: data sheets; biases after warming up. Industrial ones
-# are quiet, calibrated MEMS, which have the noise of a tactical gyro but not its bias. MEMS: a
-# consumer's, in a vehicle that shakes it. Its random walks are ten times and more those of a data
-# sheet, for they stand in for vibration, sampling and scale factors too: with the data sheet's a
-# filter is too sure of itself after seconds without fixes, and gates the first ones that come.
-# Scale factors and cross-axis sensitivity of their gyros are 0.5 to 2 % on data sheets. Gyro biases
+# are quiet, calibrated MEMS, which have the noise of a tactical gyro but not its bias. MEMS: those
+# of a calibrated module, in a vehicle that shakes it. Its random walks are ten times and more those
+# of a data sheet, for they stand in for vibration and sampling too: with the data sheet's a filter
+# is too sure of itself after seconds without fixes, and gates the first ones that come. Gyro biases
 # of such sensors were seen to move by 100 deg/h from one stop of a car to one minutes later.
+# Consumer: chips that nobody has calibrated, see above; the gyro bias is what is left after it was
+# taken off.
 _GRADES = ("consumer", "mems", "industrial", "tactical", "navigation")
 _ASSUMED: _Table = {
     "angle_random_walk": (units.DEGREE_PER_ROOT_HOUR, (3.0, 3.0, 0.2, 0.05, 0.002)),

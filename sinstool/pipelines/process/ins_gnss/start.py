@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import get_args
 
 import numpy as np
 
@@ -11,14 +10,10 @@ from sinstool.config import ProcessConfig
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.sensor_errors import LOW_COST, Grade
-from sinstool.pipelines.align.in_motion import imu_noise
+from sinstool.methods.sensor_errors import LOW_COST
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 from sinstool.pipelines.process.ins_gnss.denied_start import held_against_log
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
-    as_in_motion,
-    as_noisy_as,
-    has_scales,
     imu_stated,
     receiver_stated,
 )
@@ -27,11 +22,11 @@ from sinstool.pipelines.process.ins_gnss.first_start import first_start, regrade
 from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import (
     Drift,
-    NoiseFactors,
     shaking,
     shown_increments,
 )
-from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit, next_worse
+from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
+from sinstool.pipelines.process.ins_gnss.likelier_grade import better_grade, likelier_low_cost
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.receiver import (
     times_as_noisy,
@@ -48,9 +43,6 @@ from sinstool.survey.source import Source
 
 # A grade that drifts so many times as much as its own sigmas say is none of the Imu's.
 OTHER_GRADE = 2.0
-# A better grade is tried where gyros are so many times as noisy as theirs, and taken where it is
-# likelier by this: twice the log, e^5 to 1.
-QUIETER, LEAST_GAIN = 0.7, 10.0
 
 
 def timed_start(
@@ -229,7 +221,7 @@ def _drifting(
             first, start, drift = begun, other, less
     first, start, drift = _calibrated(source, config, algorithm, first, start, drift)
     factors = drift.factors()
-    better = _better(source, config, drift, factors, start.grade.grade)
+    better = better_grade(source, config, algorithm, start, drift, factors)
     if better is not None:
         try:
             why, before = "by its drift without fixes", start.grade.grade
@@ -285,10 +277,7 @@ def _calibrated(
     start: FilterStart,
     drift: Drift,
 ) -> tuple[FilterStart, FilterStart, Drift]:
-    """A start whose low-cost Imu is a calibrated one only if innovations are clearly likelier so.
-
-    Both have the noise that the drift shows: that of modules and of bare chips is the same, but
-    scale factors and angles of these are ten times as large, which shows as the vehicle turns.
+    """A start with a low-cost Imu that is calibrated or not, as innovations have it.
 
     Parameters
     ----------
@@ -297,55 +286,16 @@ def _calibrated(
     drift : Drift
         Of `start`.
     """
-    judged = start.grade.grade
-    if judged not in LOW_COST or config.navigation.imu_noise is not None:
+    judged = likelier_low_cost(source, config, algorithm, start, drift.factors())
+    if judged is None or judged.grade == start.grade.grade:
         return first, start, drift
-    used = drift.factors().of(start.by_the_fixes.settings, False)
-
-    def shown(grade: Grade) -> Fit | None:
-        sensors = as_noisy_as(imu_noise(config, grade, has_scales(config)), used.imu)
-        as_graded = replace(start.by_the_fixes, settings=replace(used, imu=sensors))
-        return fit(source, config, algorithm, as_graded)
-
-    bare, module = shown("consumer"), shown("mems")
-    if bare is None or module is None:
-        return first, start, drift
-    likelier: Grade = "mems" if bare.worse_than(module) else "consumer"
-    if likelier == judged:
-        return first, start, drift
-    why = "as innovations are clearly likelier than as an uncalibrated one"
-    if likelier == "consumer":
-        why = "as innovations do not show that it is calibrated"
     try:
-        begun = first_start(source, config, ImuGrade(likelier, why), start.lag)
+        begun = first_start(source, config, judged, start.lag)
         other = _timed(source, config, algorithm, begun)
     except AlignmentError:
         return first, start, drift
-    log_choice("IMU grade", f"{likelier}, {why}")
+    log_choice("IMU grade", f"{judged.grade}, {judged.why}")
     return begun, *_as_quiet_as_in_motion(source, config, algorithm, other)
-
-
-def _better(
-    source: Source, config: ProcessConfig, drift: Drift, factors: NoiseFactors, grade: Grade
-) -> Grade | None:
-    """A better grade that explains a drift clearly better than quieter sensors of this one do.
-
-    An idling engine makes good sensors look poor at rest, and without a rest they are taken for
-    poor. Quiet sensors of a poor grade have its scale factors, angles and biases all the same. Of
-    several such grades it is the worst that no better one is clearly likelier than.
-    """
-    if factors.gyro >= QUIETER or config.navigation.imu_noise is not None:
-        return None
-    order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
-    scales = has_scales(config)
-    others = order[max(order.index(grade), order.index("mems")) + 1 :]
-    sensors = {o: as_in_motion(source, imu_noise(config, o, scales)) for o in others}
-    gains = drift.gains(factors, sensors)
-    best, least = None, LEAST_GAIN
-    for other, gain in gains.items():
-        if gain > least:
-            best, least = other, gain + LEAST_GAIN
-    return best
 
 
 def _with_noise(

@@ -1,7 +1,5 @@
 """A quiet Imu whose biases are not those of the grade that its noise at rest looks like."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -10,11 +8,12 @@ from benchmarks.trusted_navigation import process
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
+from sinstool.io.readers import open_log
 from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES
 from sinstool.pipelines.process.ins_gnss import filter_settings, first_state
-from sinstool.pipelines.process.ins_gnss import start as start_module
-from sinstool.pipelines.process.ins_gnss.imu_drift import NoiseFactors
-from sinstool.survey.grade import ImuGrade
+from sinstool.pipelines.process.ins_gnss.likelier_grade import clearly_likelier
+from sinstool.survey.grade import ImuGrade, sensor_grade
+from sinstool.survey.source import prepare
 from tests.helpers.filter_logs import run, simulated, start_of
 from tests.helpers.unseen_drives import (
     GRADES,
@@ -26,6 +25,7 @@ from tests.helpers.unseen_drives import (
     without_fixes,
     write,
 )
+from tests.helpers.unseen_errors import crossed
 
 
 @pytest.mark.parametrize(("grade", "expected"), [("industrial", "industrial"), ("tactical", None)])
@@ -113,12 +113,10 @@ def test_an_engine_that_idles_is_no_fault_of_a_navigation_grade_nor_of_the_fixes
         ((30.0, 20.0, -np.inf), "industrial"),
     ],
 )
-def test_a_drift_makes_an_imu_no_better_than_it_clearly_shows(monkeypatch, gains, expected):
+def test_a_drift_makes_an_imu_no_better_than_it_clearly_shows(gains, expected):
     """The likeliest was taken: 2 of 12 simulated MEMS for navigation grade, at 1.6 sigmas."""
-    monkeypatch.setattr(filter_settings, "walks_in_motion", lambda _: None)
-    drift = SimpleNamespace(gains=lambda _, others: dict(zip(others, gains, strict=True)))
-    found = start_module._better(None, ProcessConfig(), drift, NoiseFactors(0.2, 0.2), "mems")
-    assert found == expected
+    better = ("industrial", "tactical", "navigation")
+    assert clearly_likelier(dict(zip(better, gains, strict=True))) == expected
 
 
 @pytest.mark.parametrize(("grade", "worse"), [("industrial", "mems"), ("navigation", "tactical")])
@@ -130,6 +128,49 @@ def test_a_drift_does_not_show_biases_nor_how_axes_lie_in_the_case(monkeypatch, 
         assert getattr(imu, name) == getattr(IMU_GRADES[worse], name)
         assert getattr(imu, name) > getattr(IMU_GRADES[grade], name)
     assert imu.gyro_scale == IMU_GRADES[grade].gyro_scale
+
+
+@pytest.mark.parametrize(("grade", "expected"), [("consumer", "consumer"), ("mems", "mems")])
+def test_a_rest_shows_a_bare_chip_by_its_bias(tmp_path, grade, expected):
+    log = simulated(
+        tmp_path / "log.mcap", "drive", "--grade", grade, "--duration", "120", "--rate", "50",
+        "--seed", "2", "--still", "20",
+    )  # fmt: skip
+    with open_log(log) as opened:
+        config = ProcessConfig()
+        judged = sensor_grade(prepare(opened, config), config)
+    assert judged.grade == expected
+    assert ("not calibrated" in judged.why) == (expected == "consumer")
+
+
+@pytest.mark.slow
+def test_sensors_of_consumers_are_known_as_well_as_they_say(tmp_path):
+    """Tilts were 2.1 sigmas off (rms), as scale factors of 0.8 % and angles of 8 mrad were not in
+    the grade."""
+    off = []
+    for seed in range(1, 7):
+        truth = drive(seed, 260.0, 20.0)
+        chips = sensor_errors(0.4, 1200.0, 0.12, 25000.0, 8000.0, 0.5)
+        data = crossed(record(truth, chips, seed, gnss_rate=5.0, sigma=0.1), seed, 8e-3)
+        log = write(tmp_path / f"{seed}.mcap", data)
+        arm = ",".join(str(x) for x in LEVER)
+        answer, status, _ = process(log, truth, ["--lever-arm", arm])
+        assert status == 0
+        off.append(np.mean(np.square(answer.error[:, 6:] / answer.sigma[:, 6:]), axis=0))
+    square = np.mean(off, axis=0)
+    tilt, heading = np.sqrt(square[:2].mean()), np.sqrt(square[2])
+    assert 0.6 < tilt < 1.3 and 0.5 < heading < 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_drift_makes_no_better_imu_that_innovations_deny(tmp_path, seed):
+    """A chip was taken for industrial by its drift: the mount was 6 sigmas off."""
+    log = simulated(
+        tmp_path / "log.mcap", "drive", "--duration", "600", "--still", "30", "--grade", "consumer",
+        "--rate", "50", "--seed", str(seed), "--idle", "0.3,0.01", "--gnss-model", "coloured",
+    )  # fmt: skip
+    assert start_of(log, gnss={"gnss_latency": 0.0}).grade.grade in ("consumer", "mems")
 
 
 def test_a_configured_grade_that_the_drift_denies_is_not_believed_in_silence(tmp_path):

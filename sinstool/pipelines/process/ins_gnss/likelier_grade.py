@@ -1,0 +1,134 @@
+"""Another grade of an Imu than its noise shows, by innovations and by drift.
+
+White noise says little of scale factors, of misaligned axes and of biases. As a vehicle turns and
+speeds up these show in the innovations of a filter that knows of them; what the sensors are worth
+without fixes shows in their drift. All grades are compared with the same noise, that of the drift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import get_args
+
+from sinstool.config import ProcessConfig
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.sensor_errors import LOW_COST, Grade
+from sinstool.pipelines.align.in_motion import imu_noise
+from sinstool.pipelines.process.ins_gnss.filter_settings import (
+    as_in_motion,
+    as_noisy_as,
+    has_scales,
+)
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors
+from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit
+from sinstool.survey.grade import ImuGrade
+from sinstool.survey.source import Source
+
+# A better grade is tried where gyros are so many times as noisy as theirs, and taken where it is
+# likelier by this: twice the log, e^5 to 1.
+QUIETER, LEAST_GAIN = 0.7, 10.0
+
+
+def likelier_low_cost(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    factors: NoiseFactors,
+) -> ImuGrade | None:
+    """Of a low-cost Imu: calibrated only if innovations are clearly likelier so.
+
+    The noise of modules and of bare chips is the same, but scale factors and angles of these are
+    ten times as large.
+
+    Parameters
+    ----------
+    factors : NoiseFactors
+        With which the sensors of `start` are as noisy as their drift shows.
+
+    Returns
+    -------
+    ImuGrade or None
+        None where the Imu is a better one, its noise was measured, or too few fixes show it.
+    """
+    if start.grade.grade not in LOW_COST or config.navigation.imu_noise is not None:
+        return None
+    bare, module = (_fit_as(grade, source, config, algorithm, start, factors) for grade in LOW_COST)
+    if bare is None or module is None:
+        return None
+    if bare.worse_than(module):
+        return ImuGrade("mems", "as innovations are clearly likelier than as an uncalibrated one")
+    return ImuGrade("consumer", "as innovations do not show that it is calibrated")
+
+
+def better_grade(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    drift: Drift,
+    factors: NoiseFactors,
+) -> Grade | None:
+    """A better grade that explains a drift clearly better than quieter sensors of this one do.
+
+    An idling engine makes good sensors look poor at rest, and without a rest they are taken for
+    poor. Quiet sensors of a poor grade have its scale factors, angles and biases all the same.
+    Innovations that are clearly less likely refute a grade.
+
+    Parameters
+    ----------
+    start : FilterStart
+        Whose grade, if it is of low cost, innovations have judged.
+    drift, factors : Drift, NoiseFactors
+        Of `start`.
+    """
+    if factors.gyro >= QUIETER or config.navigation.imu_noise is not None:
+        return None
+    order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
+    judged = start.grade.grade
+    others = order[max(order.index(judged), order.index(LOW_COST[-1])) + 1 :]
+    fits = {
+        grade: _fit_as(grade, source, config, algorithm, start, factors)
+        for grade in (judged, *others)
+    }
+    left = [grade for grade in others if not _refuted(fits[grade], fits[judged])]
+    sensors = {
+        grade: as_in_motion(source, imu_noise(config, grade, has_scales(config))) for grade in left
+    }
+    return clearly_likelier(drift.gains(factors, sensors))
+
+
+def clearly_likelier(gains: Mapping[Grade, float]) -> Grade | None:
+    """The worst grade that no better one is clearly likelier than; None: that which there is.
+
+    Parameters
+    ----------
+    gains : mapping of Grade to float
+        -2 log likelihood of the present grade less theirs, from the worst on.
+    """
+    best, least = None, LEAST_GAIN
+    for grade, gain in gains.items():
+        if gain > least:
+            best, least = grade, gain + LEAST_GAIN
+    return best
+
+
+def _refuted(other: Fit | None, judged: Fit | None) -> bool:
+    return other is not None and judged is not None and other.worse_than(judged)
+
+
+def _fit_as(
+    grade: Grade,
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    factors: NoiseFactors,
+) -> Fit | None:
+    """Fit of sensors of a grade with the noise that the drift shows."""
+    shown = start.by_the_fixes
+    used = factors.of(shown.settings, virtual_noise=False)
+    sensors = as_noisy_as(imu_noise(config, grade, has_scales(config)), used.imu)
+    return fit(source, config, algorithm, replace(shown, settings=replace(used, imu=sensors)))
