@@ -63,7 +63,7 @@ def command(
     """
     if method is not None:
         if flags.get("align__align") not in (None, method):
-            raise click.UsageError("--method and --align say different things")
+            raise click.UsageError("--method and --align contradict each other")
         flags["align__align"] = method
     config = effective_config(config_file, flags)
     if show:
@@ -73,7 +73,7 @@ def command(
         raise click.UsageError("give a LOG to align")
     if are_many(logs):
         if series is not None or report is not None:
-            raise click.UsageError("--series and --report are about one log")
+            raise click.UsageError("--series and --report are for a single log")
         return align_many(logs, config, truth, batch)
     if batch.scheduler is not None:
         raise click.UsageError("--scheduler is for many logs")

@@ -32,9 +32,9 @@ HEADER = ("rest s", "longest s", "gyro deg/sqrt(h)", "deg/h", "accel ug/sqrt(Hz)
 @path_option("-o", "--output", metavar="FILE",
              text="write the noise to this file; a folder for many logs")  # fmt: skip
 @click.option("--format", "kind", type=Choice(FORMATS), metavar="NAME",
-              help="whose file: sinstool (for process and align), kalibr, vins-fusion, openvins,"
-              " fast-lio, robot-localization or kf-gins; printed where there is no --output"
-              " [default: sinstool]")  # fmt: skip
+              help="program to write the file for: sinstool (process and align), kalibr,"
+              " vins-fusion, openvins, fast-lio, robot-localization or kf-gins; printed if there"
+              " is no --output [default: sinstool]")  # fmt: skip
 @path_option("--report", metavar="FILE.html",
              text="also write a page of figures (.html), or its first figure (.png, .pdf,"
              " .svg); a folder for many logs")  # fmt: skip

@@ -63,7 +63,7 @@ def command(
     suffix = output.suffix.lower().removeprefix(".")
     if config.export.format not in (None, suffix):
         raise click.UsageError(
-            f"--format {config.export.format} and -o {output} say different things"
+            f"--format {config.export.format} and -o {output} contradict each other"
         )
     format_of(output, config)
     with progress_bar(results[0].name, batch.quiet) as progress:

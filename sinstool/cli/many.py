@@ -48,9 +48,12 @@ def workers_options(default: str) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         for name, of in (
-            ("--tls-key", "our key, unless it is in the certificate's file"),
-            ("--tls-cert", "our certificate for a cluster at tls://"),
-            ("--tls-ca", "certificate of the authority that a cluster at tls:// is trusted by"),
+            ("--tls-key", "your key, unless it is in the file of --tls-cert"),
+            ("--tls-cert", "your certificate for a cluster at tls://"),
+            (
+                "--tls-ca",
+                "certificate of the authority that signed a tls:// cluster's certificates",
+            ),
         ):
             kind = click.Path(exists=True, dir_okay=False, path_type=Path)
             function = click.option(
@@ -211,7 +214,7 @@ def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers
 
     if batch.jobs is not None and batch.scheduler is not None:
         raise click.UsageError(
-            "--jobs is of this machine and --scheduler of another: give one of them"
+            "--jobs is for this machine and --scheduler for a cluster: give one of them"
         )
     if batch.scheduler is not None:
         from sinstool.campaign.cluster import require_distributed
@@ -370,9 +373,7 @@ def work_through(
                     click.echo(json.dumps(plain(ended[printed]), allow_nan=False))
                     printed += 1
     except KeyboardInterrupt:
-        click.echo(
-            f"sinstool: interrupted; {len(ended)} of {len(jobs)} are done, and whole", err=True
-        )
+        click.echo(f"sinstool: interrupted; {len(ended)} of {len(jobs)} are complete", err=True)
         raise click.exceptions.Exit(INTERRUPTED) from None
     return [ended[number] for number in range(len(jobs))]
 
@@ -428,7 +429,7 @@ def _warn_together(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> None
         names, different = list(by_log), list(dict.fromkeys(by_log.values()))
         shown = ", ".join(names[:NAMED])
         more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-        others = "" if len(different) == 1 else f" (of {names[0]}; the others alike)"
+        others = "" if len(different) == 1 else f" (shown: {names[0]}; the others are similar)"
         warn(f"{shown}{more}: {different[0]}{others}")
 
 

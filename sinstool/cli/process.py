@@ -70,7 +70,7 @@ def command(
         raise click.UsageError("give a LOG to process")
     if show_plan:
         if are_many(logs):
-            raise click.UsageError("--print-plan is about one log")
+            raise click.UsageError("--print-plan is for a single log")
         return _print_plan(logs[0], config, batch)
     if output is None:
         raise click.UsageError("give the output with -o FILE")

@@ -96,7 +96,7 @@ def _scenario_command(name: str, kind: type[Scenario]) -> click.Command:
             raise click.UsageError("give the output with -o FILE")
         if monte_carlo is not None:
             if report is not None:
-                raise click.UsageError("--report is about one log, --monte-carlo makes many")
+                raise click.UsageError("--report is for a single log, and --monte-carlo makes many")
             return _many(scenario, monte_carlo, output, rig_out, overwrite, batch)
         if batch.jobs is not None or batch.scheduler is not None:
             raise click.UsageError("--jobs and --scheduler go with --monte-carlo")

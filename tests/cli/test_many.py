@@ -486,7 +486,7 @@ def test_ctrl_c(large, expected, tmp_path):
     run.send_signal(signal.SIGINT)
     _, stderr = run.communicate(timeout=60)
     assert run.returncode == 130, stderr
-    said = re.findall(r"sinstool: interrupted; (\d) of 4 are done, and whole\n", stderr)
+    said = re.findall(r"sinstool: interrupted; (\d) of 4 are complete\n", stderr)
     assert len(said) == 1 and "Traceback" not in stderr
     assert ended(processes)
     # whole files only, and a rerun makes the others

@@ -107,12 +107,12 @@ def _validate(design: Design) -> None:
     for rate in rates:
         if abs(rate) * design.duration_s < 2.0 * np.pi * (1.0 - 1e-9):
             raise ConfigurationError(
-                f"{design.duration_s:g} s at {np.degrees(rate):g} deg/s is no whole turn",
+                f"{design.duration_s:g} s at {np.degrees(rate):g} deg/s is less than a whole turn",
                 "make the runs longer",
             )
     if np.ptp(rates) < MIN_RATE_SPAN:
         raise ConfigurationError(
-            "the rates differ by less than 10 deg/s: there is no slope to be had",
+            "the rates differ by less than 10 deg/s: they give no slope",
             "take 20, 40 and 60 deg/s, better in both directions",
         )
 

@@ -351,8 +351,9 @@ def _with_bias(alignment: Alignment, source: Source, config: ProcessConfig) -> A
         if size > STEADY_TURN:
             note = (
                 f"the mean rate of the first {still.duration_s:.1f} s, {size / DEGREE:.1f} deg/s,"
-                " is removed as the gyro's bias, which is large for one: if the sensor turned at"
-                " this rate, add --gyro-bias none, or choose a beginning at rest with --start"
+                " is removed as the gyro's bias, although it is large for a bias: if the sensor"
+                " turned at this rate, add --gyro-bias none, or choose a beginning at rest with"
+                " --start"
             )
             alignment = replace(alignment, warnings=(*alignment.warnings, note))
         return alignment

@@ -120,6 +120,7 @@ def require_gravity(source: Source, config: ProcessConfig) -> None:
         raise DataError(
             source.path,
             f"topic {survey.topic}: the specific force is mostly"
-            f" {survey.specific_force_median:.3g} m/s^2 in size or more, as in mg or cm/s^2",
+            f" {survey.specific_force_median:.3g} m/s^2 in size or more: its unit may be mg or"
+            " cm/s^2",
             "sensor_msgs/Imu holds m/s^2: convert it, or choose another topic with --imu-topic",
         )

@@ -11,7 +11,7 @@ from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import to_euler, wrapped
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.methods.height.pressure import geometric, pressure_altitude
+from sinstool.methods.height.standard_atmosphere import geometric, pressure_altitude
 from sinstool.report.figure import Figure, Series, heading_curve
 from sinstool.report.figures.parts import AXES, BODY, track
 from sinstool.simulation.hse_rig import HseRigLog

@@ -51,9 +51,9 @@ def untrusted(
         findings.append(
             Finding(
                 "too-far-uncorrected",
-                f"from {(far.time_ns - first_ns) / SECOND:.1f} s on the uncorrected navigation is"
-                " too far off for a linear filter (more than 1 km, or 1 deg): the solution is not"
-                " to be trusted from there",
+                f"from {(far.time_ns - first_ns) / SECOND:.1f} s on, the uncorrected navigation is"
+                " too far off for a linear filter (more than 1 km or 1 deg): do not trust the"
+                " solution from there on",
                 Severity.LOST,
                 "leave --feedback none out",
                 start_ns=far.time_ns,
@@ -66,8 +66,8 @@ def untrusted(
         findings.append(
             Finding(
                 "fixes-disbelieved",
-                f"{rejected} of {number} fixes were too far off for the sigmas"
-                " of filter and receiver: do not trust the solution",
+                f"{rejected} of {number} fixes were rejected, as they are further off than the"
+                " sigmas of filter and receiver allow: do not trust the solution",
                 Severity.LOST,
                 "look at the first warnings; set --imu-grade, --gnss-noise-scale or --lever-arm",
                 numbers={"rejected_share": rejected / number},
@@ -147,9 +147,9 @@ def _stretch(
     begin: int, end: int, gap: bool, first_ns: int, text: str = "the solution is not to be trusted"
 ) -> Finding:
     why = (
-        "the Imu is silent, and the filter began anew"
+        "the Imu has a gap, after which the filter restarted"
         if gap
-        else "fixes were rejected until the filter began anew"
+        else "fixes were rejected until the filter restarted"
     )
     seconds = [(time - first_ns) / SECOND for time in (begin, end)]
     return Finding(

@@ -28,7 +28,7 @@ def test_only_motion_makes_up_for_another_clock(status, sigma_s, contradicts, tr
     findings = of_another_clock([clock], start)
     assert exit_status(findings) == (0 if trusted else 3)
     assert trusted or findings[0].answer == "give it"
-    assert trusted or findings[0].text.startswith("two, and the fixes are used that far")
+    assert trusted or findings[0].text.startswith("two, so every fix is used")
     assert not of_another_clock([Finding("other", "else")], start)
 
 
