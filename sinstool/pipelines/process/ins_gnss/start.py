@@ -14,7 +14,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
-from sinstool.pipelines.process.ins_gnss.denied_start import held_against_log
+from sinstool.pipelines.process.ins_gnss.contradictions import compare_with_log
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
     as_in_motion,
     has_scales,
@@ -23,7 +23,6 @@ from sinstool.pipelines.process.ins_gnss.filter_settings import (
 )
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_start import first_start, regraded
-from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import (
     Drift,
     NoiseFactors,
@@ -31,6 +30,7 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import (
     shown_increments,
 )
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
+from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.receiver import (
     times_as_noisy,
@@ -72,7 +72,7 @@ def timed_start(
         # A poor Imu follows fixes wherever they go, until it is known to be a better one
         start = _wandering(source, config, algorithm, start)
     start = with_likeliest(source, config, algorithm, start, start.by_the_fixes)
-    start = held_against_log(source, config, algorithm, start)
+    start = compare_with_log(source, config, algorithm, start)
     source.samples.made.clear()
     start = replace(start, warnings=(*_warnings(start), *start.warnings))
     log_choice(

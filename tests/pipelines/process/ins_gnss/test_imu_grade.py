@@ -11,7 +11,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES
-from sinstool.pipelines.process.ins_gnss import filter_settings, first_state
+from sinstool.pipelines.process.ins_gnss import filter_settings, initial_state
 from sinstool.pipelines.process.ins_gnss import start as start_module
 from sinstool.pipelines.process.ins_gnss.imu_drift import NoiseFactors
 from sinstool.survey.grade import ImuGrade
@@ -178,7 +178,7 @@ def test_a_grade_is_asked_for_where_no_rest_shows_it_and_nothing_starts(
         def uncertain(*_):
             raise AlignmentError("the first attitude is unknown: its sigma is 58 deg", "wait")
 
-        monkeypatch.setattr(first_state, "in_flight", uncertain)
+        monkeypatch.setattr(initial_state, "in_flight", uncertain)
     with pytest.raises(AlignmentError) as refused:
         start_of(log, input=part, navigation={"imu_grade": grade})
     assert ("--imu-grade" in refused.value.hint) == named

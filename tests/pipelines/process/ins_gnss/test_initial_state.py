@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sinstool.core.timeline import SECOND
-from sinstool.pipelines.process.ins_gnss.first_state import _how
+from sinstool.pipelines.process.ins_gnss.initial_state import _how
 from tests.helpers.filter_logs import start_of
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import LEVER, record, sensor_errors, straight_flight, write

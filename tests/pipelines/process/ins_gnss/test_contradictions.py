@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from sinstool.core.finding import Finding, Severity, exit_status
-from sinstool.pipelines.process.ins_gnss.denied_start import of_another_clock
+from sinstool.pipelines.process.ins_gnss.contradictions import of_another_clock
 from tests.helpers.filter_logs import run, simulated
 
 

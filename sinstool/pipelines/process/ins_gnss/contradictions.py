@@ -1,4 +1,4 @@
-"""What a log denies of the start of a filter: its options, its attitude, its fixes' clock.
+"""What a log contradicts in the start of a filter: options, attitude, the clock of the fixes.
 
 Settings that are wrong may lead a filter astray with sigmas that say nothing of it. Each thing here
 is measured once the start is settled, and becomes a finding of the run.
@@ -40,10 +40,10 @@ MOST_OF_IT = 90.0
 MOST_UNEXPLAINED = 1.3
 
 
-def held_against_log(
+def compare_with_log(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
-    """A start with what :func:`denials` judges it by."""
+    """A start with the measures that :func:`contradictions` judges it by."""
     if imu_stated(config):
         drift = Drift(source, config, algorithm, start.by_the_fixes)
         start = replace(start, drifts=drift.ratio)
@@ -125,8 +125,8 @@ def _attitudes_apart(
     return float(most[axis]), float(np.percentile(turn[:, axis], MOST_OF_IT))
 
 
-def denials(start: FilterStart, survey: Sequence[Finding]) -> list[Finding]:
-    """What a log says against the start of a filter, its settings and its fixes.
+def contradictions(start: FilterStart, survey: Sequence[Finding]) -> list[Finding]:
+    """Findings where a log contradicts the start of a filter, its settings or its fixes.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ import pytest
 
 from sinstool.core.finding import exit_status
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
-from sinstool.pipelines.process.ins_gnss.trust import (
+from sinstool.pipelines.process.ins_gnss.untrusted import (
     MOST_NAMED,
     doubts,
     marked,
