@@ -50,7 +50,12 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
 from sinstool.pipelines.process.ins_gnss.contradictions import contradictions
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.start import timed_start
-from sinstool.pipelines.process.ins_gnss.untrusted import doubts, marked, untrusted
+from sinstool.pipelines.process.ins_gnss.untrusted import (
+    TOO_MANY_REJECTED,
+    doubts,
+    marked,
+    untrusted,
+)
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions, find_vehicle
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
@@ -442,7 +447,7 @@ class FilterRun(Mode):
             findings += untrusted(
                 concatenate(self._gnss), events_of(self._stretches), s.mean_nis, first_ns
             )
-        if s.epochs_gated:
+        if s.epochs_gated and not any(one.kind == TOO_MANY_REJECTED for one in findings):
             note(
                 "rejected-fixes",
                 f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} GNSS epochs were rejected",

@@ -18,6 +18,7 @@ MOST_REJECTED = 0.2
 LEAST_FIXES = 20
 # Innovations squared over what was expected: beyond these the sigmas say nothing.
 LEAST_NIS, MOST_NIS = 0.05, 5.0
+TOO_MANY_REJECTED = "fixes-disbelieved"
 
 
 def untrusted(
@@ -65,7 +66,7 @@ def untrusted(
     if number >= LEAST_FIXES and rejected > MOST_REJECTED * number:
         findings.append(
             Finding(
-                "fixes-disbelieved",
+                TOO_MANY_REJECTED,
                 f"{rejected} of {number} fixes were rejected, as they are further off than the"
                 " sigmas of filter and receiver allow: do not trust the solution",
                 Severity.LOST,

@@ -45,3 +45,15 @@ def test_a_wrong_clock_is_told_once(tmp_path):
     assert told[0]["severity"] == Severity.LOST.name.lower()
     assert "2.0 s ahead of" in told[0]["text"] and "do not trust" in told[0]["text"]
     assert "leave --gnss-clock-offset out" in told[0]["answer"]
+
+
+def test_rejected_fixes_are_told_once(tmp_path):
+    """Where most fixes are rejected, that says all that their number does."""
+    log = simulated(
+        tmp_path / "log.mcap", "drive", "--duration", "120", "--still", "20", "--grade", "mems",
+        "--rate", "50", "--seed", "3", "--baro-rate", "0",
+    )  # fmt: skip
+    wrong = {"align": "fixed", "initial_attitude": (0.0, 0.0, 220.0)}
+    result, _ = run(log, navigation={"imu_grade": "navigation"}, align=wrong)
+    kinds = [f["kind"] for f in result["findings"]]
+    assert kinds.count("fixes-disbelieved") == 1 and "rejected-fixes" not in kinds
