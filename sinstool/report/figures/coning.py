@@ -62,9 +62,9 @@ def _parting(rows: list[Row], log: LogComparison) -> Figure:
     notes = [
         "The longest stretch without gaps. "
         + (
-            "The truth has no sensor errors, so that these are in every curve."
+            "The truth has no sensor errors, so every curve contains them."
             if log.truth
-            else "Sensor errors cancel, as all see the same."
+            else "Sensor errors cancel, as all algorithms get the same samples."
         )
     ]
     if hidden:
