@@ -164,7 +164,7 @@ def process(
     Parameters
     ----------
     log : path-like or Log
-        An MCAP file, a ROS 1 bag, a ROS 2 bag.
+        An MCAP file, a ROS 1 bag, a ROS 2 bag or a ULog of PX4.
     output : path-like, optional
         MCAP to write, which appears when it is complete. By default no file is written.
     config : path-like, optional
