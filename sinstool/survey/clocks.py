@@ -1,4 +1,4 @@
-"""The Imu against the receiver: what is wrong of them though each alone seems right.
+"""The clocks of Imu and receiver against each other, as each alone may seem right.
 
 Their clocks are compared by the times at which both were recorded, and by their turns.
 """

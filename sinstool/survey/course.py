@@ -1,4 +1,4 @@
-"""What the course of a vehicle over ground says of its gyro: the unit and the sense of its rates.
+"""The gyro against the course over ground: the unit and the sense of its rates.
 
 A vehicle that follows its nose turns as its course does. A car hardly tilts, so that gravity, which
 :mod:`~sinstool.survey.unit_evidence` looks at, does not show the unit of its rates; its turns do.

@@ -180,7 +180,8 @@ def in_flight(
     if result.status in ("failed", "unobservable"):
         reasons = "; ".join(result.warnings) or "no reason is known"
         raise AlignmentError(
-            f"{source.path}: --align {method}: {result.status}: {reasons}",
+            f"{source.path}: motion does not show the attitude (by {method}: {result.status}):"
+            f" {reasons}",
             "choose another span with --align-start and --align-end, or another --align",
         )
     return _from_motion(moving, source, config, time_ns, later_ns)

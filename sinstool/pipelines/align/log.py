@@ -153,7 +153,7 @@ def _of_plan(plan: Plan, status: str) -> list[Finding]:
             findings.append(finding)
         elif status not in HEADING_OBSERVED:
             why = finding.text.removeprefix(NO_SOLUTION)
-            findings.append(replace(finding, text=f"motion does not show heading: {why}"))
+            findings.append(replace(finding, text=f"no heading from GNSS: {why}"))
     return findings
 
 

@@ -1,4 +1,4 @@
-"""Settings that a filter's run used, which nobody gave, and options that it speaks against."""
+"""Settings that a filter took from the log, and options that its run contradicts."""
 
 from __future__ import annotations
 
