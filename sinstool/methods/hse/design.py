@@ -218,8 +218,8 @@ def _advice(design: Design, now: Prediction) -> tuple[str, ...]:
         turned = replace(design, C23=(lean, -lean), repeats=max(1, design.repeats // 2))
         other = predict(turned, advise=False)
         advice.append(
-            "with the base turned by 180 deg too a delay of the encoder is found to"
-            f" {(other.sigma_delay or np.nan) * 1e6:.2g} us and no longer taken for lambda2"
+            "with the base also turned by 180 deg, a delay of the encoder is known to"
+            f" {(other.sigma_delay or np.nan) * 1e6:.0f} us and no longer looks like lambda2"
             f" ({_arcsec(other.sigma_lambda2_joint)}, {other.n_runs} runs)"
         )
     advice.append(f"from the rate along the axis: {_arcsec(now.sigma_lambda2_axial)}")
