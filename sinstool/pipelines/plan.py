@@ -29,8 +29,9 @@ from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import measured_noise, random_walks, sensor_grade, walk_in
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
+from sinstool.survey.needs import has_gnss
 from sinstool.survey.oddities import usual_force
-from sinstool.survey.source import Source, has_gnss
+from sinstool.survey.source import Source
 
 if TYPE_CHECKING:
     from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -240,8 +241,8 @@ def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
         imu_grade=Choice("navigation", "as the rig was calibrated", "--imu-grade"),
         imu_noise=Choice("of the grade", "as the rig was calibrated", "--imu-noise"),
         coning=Choice("none", "as the table's encoder gives the motion", "--hse"),
-        height_reference=Choice("none", "as attitude only is computed", "--hse"),
-        wheels=Choice("none", "as attitude only is computed", "--hse"),
+        height_reference=Choice("none", "as only attitude is computed", "--hse"),
+        wheels=Choice("none", "as only attitude is computed", "--hse"),
         vehicle=Choice("none", "as no filter runs", "--vehicle"),
         _findings=_unused(config, mode),
     )

@@ -81,7 +81,7 @@ def process_turntable(
     if config.navigation.mode not in ("auto", "attitude"):
         raise ConfigurationError(
             f"--mode {config.navigation.mode} does not go with --hse",
-            "a system that turns on its table gets attitude only; leave out one of them",
+            "a system that turns on its table gets only its attitude; leave out one of them",
         )
     rig = rig_of(config)
     calibration, warnings = load_calibration(Path(config.hse.hse or ""), rig, config.hse.force)
