@@ -13,12 +13,11 @@ from sinstool.simulation.gnss import (
     GnssFaults,
     Jump,
     Receiver,
-    from_ecef,
     gnss_samples,
-    moments,
     true_moments,
 )
 from sinstool.simulation.launch import launch
+from sinstool.simulation.moments import from_ecef, moments
 from sinstool.simulation.truth import Trajectory, sample_times, static
 
 DEGREE = np.pi / 180.0

@@ -10,7 +10,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Diagnostics, Solution
-from sinstool.io.writers.solution import Frames
+from sinstool.io.writers.solution_topics import Frames
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.summary import ModeResult, Sink
 from sinstool.survey.oddities import oddities

@@ -23,7 +23,7 @@ from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.readers.topics import choose_imu
-from sinstool.io.writers.solution import Frames
+from sinstool.io.writers.solution_topics import Frames
 from sinstool.methods.hse.calibration import (
     CorrectedHeading,
     HseCalibration,

@@ -14,7 +14,7 @@ from sinstool.core.result import fields_in
 from sinstool.core.rotation import from_dcm
 from sinstool.core.streams import Diagnostics, Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
-from sinstool.io.writers.solution import Frames
+from sinstool.io.writers.solution_topics import Frames
 from sinstool.methods.ins_gnss.constraints import Constraints
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
