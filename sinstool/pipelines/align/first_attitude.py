@@ -183,6 +183,7 @@ def in_flight(
             f"{source.path}: motion does not show the attitude (by {method}: {result.status}):"
             f" {reasons}",
             "choose another span with --align-start and --align-end, or another --align",
+            uncertain=result.status == "unobservable",
         )
     return _from_motion(moving, source, config, time_ns, later_ns)
 
@@ -296,6 +297,7 @@ def at_rest(source: Source, config: ProcessConfig) -> Alignment:
         raise AlignmentError(
             f"{path}: --align gyrocompass: {'; '.join(compassed.warnings)}",
             "record for longer at rest, or use another --align",
+            uncertain=True,
         )
     return _from_compass(compassed, source)
 

@@ -107,7 +107,7 @@ def find_start(
     except AlignmentError as exc:
         message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
         hint = exc.hint
-        unsure = "sigma" in message and config.navigation.imu_grade == "auto"
+        unsure = exc.uncertain and config.navigation.imu_grade == "auto"
         if unsure and bias_at_rest(source) is None:
             hint = (
                 f"{hint or 'give an initial attitude'}, or set the grade of the Imu with"
