@@ -14,7 +14,7 @@ import pytest
 from sinstool.methods.coning.registry import algorithm
 from sinstool.pipelines.compare_coning import runs
 from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS
-from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H
 from tests.helpers.coning_response import coning_drift
 from tests.helpers.imulogs import even_times, handheld, imu_log, resting
 from tests.helpers.logs import real
@@ -40,7 +40,7 @@ def moving(tmp_path):
 
 
 def closed(name, decimate=1):
-    return abs(coning_drift(algorithm(name), np.radians(1.0), 5.0, 0.01 * decimate)) * DEG_H
+    return abs(coning_drift(algorithm(name), np.radians(1.0), 5.0, 0.01 * decimate)) * IN_DEG_H
 
 
 def row_of(out, name, group=0):

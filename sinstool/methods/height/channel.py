@@ -29,6 +29,7 @@ from sinstool.core.parts import part
 from sinstool.methods.height import layout
 from sinstool.methods.height.history import at_stamp, note_interval, remember, shift_history
 from sinstool.methods.height.network import pole_matched_gains
+from sinstool.methods.height.pressure import FROZEN_TIME
 
 GATE_MEMORY = 30.0  # s, of the running RMS of accepted differences
 RECENT = 1.0  # s, of their running mean, which is no part of a jump
@@ -44,7 +45,6 @@ STEP_FADE = 20.0  # s
 # height goes as t^m, m the largest root of (m - 2) ((m + 3g) (m - 1) + 3g^2) + g^3: -0.8 for 6,
 # but for 4 it is positive.
 GROWTH = 6.0
-FROZEN_TIME = 30.0  # s with one and the same value
 FROZEN_SPEED = 1.0  # m/s, mean vertical speed in that time
 FROZEN_UNUSUAL = 5.0  # times as long as it ever kept a value before
 FROZEN_CHANGES = 20.0  # of its value, before that is known

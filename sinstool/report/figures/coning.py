@@ -6,7 +6,7 @@ import numpy as np
 
 from sinstool.methods.coning.response import coning_gains
 from sinstool.pipelines.compare_coning.compare import SELF_CHECK
-from sinstool.pipelines.compare_coning.divergence import DEG_H, Row
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H, Row
 from sinstool.pipelines.compare_coning.log import LogComparison
 from sinstool.report.figure import Figure, Series
 from sinstool.report.figures.parts import positive
@@ -122,7 +122,7 @@ def _bars(rows: list[Row], truth: bool) -> Figure:
 def _coning(log: LogComparison) -> Figure:
     s = log.spectrum
     assert s is not None
-    cumulative = s.cumulative() * DEG_H
+    cumulative = s.cumulative() * IN_DEG_H
     return Figure(
         "coning",
         "Coning in the log up to each frequency",
