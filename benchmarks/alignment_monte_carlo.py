@@ -44,8 +44,9 @@ from sinstool.methods.alignment import inflight
 from sinstool.methods.alignment.accumulation import accumulate
 from sinstool.methods.alignment.inflight_types import GateLimits
 from sinstool.methods.sensor_errors import SensorGrade
-from sinstool.simulation.gnss import MODELS, Moments, Receiver, gnss_samples, true_moments
+from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples, true_moments
 from sinstool.simulation.launch import launch, launch_profile
+from sinstool.simulation.moments import Moments
 from sinstool.simulation.profile import Step, fly
 from sinstool.simulation.sensors import launch_grade, with_errors
 from sinstool.simulation.truth import ImuTruth, Trajectory

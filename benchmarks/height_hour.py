@@ -27,7 +27,7 @@ from sinstool.core.streams import Imu
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.height import layout
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
-from sinstool.methods.height.pressure import HeightReference
+from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.methods.strapdown.navigation import initial_state

@@ -20,8 +20,7 @@ from scipy.signal import lfilter
 
 from benchmarks.common import UG, numbers, parser, print_table
 from sinstool.core.earth import normal_gravity
-from sinstool.methods.height.channel import pole_matched_gains
-from sinstool.methods.height.network import HeightNetwork, gravity_gradient
+from sinstool.methods.height.network import HeightNetwork, gravity_gradient, pole_matched_gains
 from sinstool.methods.height.vertical import VerticalChannel
 from tests.helpers.height_network import NetworkTheory
 

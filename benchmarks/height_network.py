@@ -20,9 +20,8 @@ from scipy.signal import lfilter
 
 from benchmarks.common import UG, numbers, parser, print_table
 from sinstool.core.earth import normal_gravity
-from sinstool.methods.height.channel import pole_matched_gains
 from sinstool.methods.height.layout import SHADOW_TAU
-from sinstool.methods.height.network import gravity_gradient, paper
+from sinstool.methods.height.network import gravity_gradient, paper, pole_matched_gains
 from sinstool.methods.height.vertical import VerticalChannel
 from tests.helpers.height_network import NetworkTheory
 

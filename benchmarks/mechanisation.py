@@ -21,8 +21,7 @@ from benchmarks.common import best, compensated, parser, print_table
 from sinstool.core import earth, rotation
 from sinstool.core.quaternion_kernels import EXACT
 from sinstool.methods.height import layout
-from sinstool.methods.height.channel import pole_matched_gains
-from sinstool.methods.height.network import HeightNetwork, gravity_gradient
+from sinstool.methods.height.network import HeightNetwork, gravity_gradient, pole_matched_gains
 from sinstool.methods.strapdown.free_inertial import navigate
 from sinstool.methods.strapdown.navigation import SIZE, initial_state
 from sinstool.methods.strapdown.velocity import Increments

@@ -34,7 +34,7 @@ from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.start import start_at
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.methods.strapdown.velocity import Increments
-from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
+from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
 from sinstool.survey.source import Source, prepare, rate_blocks
 
 # What receivers of these kinds do: RTK in a street, and a car's receiver with corrections.

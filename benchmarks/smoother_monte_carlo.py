@@ -48,14 +48,8 @@ from sinstool.methods.ins_gnss.settings import (
 from sinstool.methods.ins_gnss.smoother import Smoother, corrected_navigation
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.flight import spiral_climb
-from sinstool.simulation.gnss import (
-    MODELS,
-    GnssFaults,
-    Moments,
-    Receiver,
-    gnss_samples,
-    true_moments,
-)
+from sinstool.simulation.gnss import MODELS, GnssFaults, Receiver, gnss_samples, true_moments
+from sinstool.simulation.moments import Moments
 from sinstool.simulation.sensors import barometer, with_errors
 from sinstool.simulation.truth import Trajectory
 from tests.helpers.filter_start import start

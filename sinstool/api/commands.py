@@ -129,7 +129,7 @@ def _only_with_columns(gnss: GnssEpochs | None) -> None:
 
     if gnss is not None:
         raise ConfigurationError(
-            "GNSS columns go with Imu columns, and a log is given", "leave gnss out"
+            "GNSS columns can be given with Imu columns only, not with a log", "leave gnss out"
         )
 
 
@@ -244,6 +244,6 @@ def calibrate_hse(
     each = logs if isinstance(logs, (list, tuple)) else [logs]
     paths = expand([path_of(log) for log in each])
     if not paths:
-        raise ConfigurationError("no log is given", "give one at least")
+        raise ConfigurationError("no log is given", "give at least one")
     target = None if output is None else path_of(output, "output")
     return calibrate(paths, target, settings, progress)

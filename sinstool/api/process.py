@@ -164,7 +164,7 @@ def process(
     Parameters
     ----------
     log : path-like or Log
-        An MCAP file, a ROS 1 bag, a ROS 2 bag.
+        An MCAP file, a ROS 1 bag, a ROS 2 bag or a ULog of PX4.
     output : path-like, optional
         MCAP to write, which appears when it is complete. By default no file is written.
     config : path-like, optional
@@ -216,7 +216,8 @@ def refuse_in_vain(output: Path | None, options: Mapping[str, Any]) -> None:
     vain = [name for name in OF_OUTPUT if options.get(name) is not None]
     if output is None and vain:
         raise ConfigurationError(
-            f"{vain[0]} is about the output, and none is written", "give an output, or leave it out"
+            f"{vain[0]} concerns the output, and none is written",
+            f"give an output, or leave {vain[0]} out",
         )
 
 

@@ -188,7 +188,7 @@ def _outcome(task: jobs.Task, future: Any) -> jobs.Outcome:
         return outcome
     if future.status != "error":
         return jobs.Outcome(
-            None, f"{name}: the scheduler gave it up ({future.status})", 1, died=True
+            None, f"{name}: the scheduler gave up on it ({future.status})", 1, died=True
         )
     exc = future.exception()
     if type(exc).__name__ == "KilledWorker":

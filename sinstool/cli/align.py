@@ -11,9 +11,17 @@ import click
 
 from sinstool.campaign.inputs import are_many, find_logs
 from sinstool.cli import many
+from sinstool.cli.batch import (
+    EXIT_HELP,
+    BatchOptions,
+    batch_options,
+    full_name,
+    show_result,
+    with_full_names,
+    workers_options,
+)
 from sinstool.cli.console import Choice, progress_bar
 from sinstool.cli.help import Command, Option
-from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import ALIGN_OPTIONS, ProcessConfig
 
@@ -24,9 +32,9 @@ MAIN = ("align__align", "report", "series", "truth", "output__overwrite")
 AXES = ("north", "east", "down")
 
 
-@click.command("align", cls=Command, first=MAIN, epilog=many.EXIT_HELP)
+@click.command("align", cls=Command, first=MAIN, epilog=EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
-@many.workers_options("one for each core")
+@workers_options("one for each core")
 @config_options(*ALIGN_OPTIONS)
 @click.option(
     "--method",
@@ -39,7 +47,7 @@ AXES = ("north", "east", "down")
 @click.option("--truth", metavar="TOPIC|FILE.csv",
               help="reference attitudes, to show the error")  # fmt: skip
 @path_option("--report", metavar="FILE.html", text="also write a page of figures")
-@many.batch_options()
+@batch_options()
 def command(
     logs: tuple[Path, ...],
     config_file: Path | None,
@@ -63,7 +71,7 @@ def command(
     """
     if method is not None:
         if flags.get("align__align") not in (None, method):
-            raise click.UsageError("--method and --align say different things")
+            raise click.UsageError("--method and --align contradict each other")
         flags["align__align"] = method
     config = effective_config(config_file, flags)
     if show:
@@ -73,7 +81,7 @@ def command(
         raise click.UsageError("give a LOG to align")
     if are_many(logs):
         if series is not None or report is not None:
-            raise click.UsageError("--series and --report are about one log")
+            raise click.UsageError("--series and --report are for a single log")
         return align_many(logs, config, truth, batch)
     if batch.scheduler is not None:
         raise click.UsageError("--scheduler is for many logs")
@@ -96,7 +104,7 @@ def command(
             from sinstool.report.pages.align import write_page
 
             write_page(report, alignment, config, log)
-    return many.show_result(alignment.result, batch, _rows)
+    return show_result(alignment.result, batch, _rows)
 
 
 def _rows(result: AlignResult, verbose: bool) -> list[tuple[str, str]]:
@@ -150,8 +158,8 @@ def align_many(
     int
         Exit status.
     """
-    logs, truth = find_logs(inputs), many.full_name(truth)
-    config = many.absolute(config)
+    logs, truth = find_logs(inputs), full_name(truth)
+    config = with_full_names(config)
     reads = [Path(name) for name in (truth, config.navigation.imu_noise) if name is not None]
     rows = many.work_on_logs(logs, align_one, [()] * len(logs), (config, truth), reads, batch)
 

@@ -10,9 +10,16 @@ import click
 
 from sinstool.campaign.inputs import are_many, find_logs, output_paths
 from sinstool.cli import many
+from sinstool.cli.batch import (
+    EXIT_HELP,
+    BatchOptions,
+    batch_options,
+    warn_of,
+    with_full_names,
+    workers_options,
+)
 from sinstool.cli.console import Choice, print_json, progress_bar
 from sinstool.cli.help import Command
-from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import ALLAN_OPTIONS, ProcessConfig
 from sinstool.config.export import NoiseFormat
@@ -25,21 +32,21 @@ FORMATS: tuple[NoiseFormat, ...] = get_args(NoiseFormat)
 HEADER = ("rest s", "longest s", "gyro deg/sqrt(h)", "deg/h", "accel ug/sqrt(Hz)", "ug")
 
 
-@click.command("allan", cls=Command, first=MAIN, epilog=many.EXIT_HELP)
+@click.command("allan", cls=Command, first=MAIN, epilog=EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
-@many.workers_options("one for each core")
+@workers_options("one for each core")
 @config_options(*ALLAN_OPTIONS)
 @path_option("-o", "--output", metavar="FILE",
              text="write the noise to this file; a folder for many logs")  # fmt: skip
 @click.option("--format", "kind", type=Choice(FORMATS), metavar="NAME",
-              help="whose file: sinstool (for process and align), kalibr, vins-fusion, openvins,"
-              " fast-lio, robot-localization or kf-gins; printed where there is no --output"
-              " [default: sinstool]")  # fmt: skip
+              help="program to write the file for: sinstool (process and align), kalibr,"
+              " vins-fusion, openvins, fast-lio, robot-localization or kf-gins; printed if there"
+              " is no --output [default: sinstool]")  # fmt: skip
 @path_option("--report", metavar="FILE.html",
              text="also write a page of figures (.html), or its first figure (.png, .pdf,"
              " .svg); a folder for many logs")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="replace an existing output or report")
-@many.batch_options(quiet_of="no progress and no summary")
+@batch_options(quiet_of="no progress and no summary")
 def command(
     logs: tuple[Path, ...],
     config_file: Path | None,
@@ -90,7 +97,7 @@ def command(
         from sinstool.report.text.allan import print_noise
 
         print_noise(result)
-    many.warn_of(result.findings)
+    warn_of(result.findings)
     return result.exit_status
 
 
@@ -165,7 +172,7 @@ def allan_many(
     whole = [None if file is None else file.absolute() for file in files]
     reports, script = many.page_paths(pages, logs)
     written = list(zip(whole, reports, strict=True))
-    settings = (many.absolute(config), kind, overwrite, script)
+    settings = (with_full_names(config), kind, overwrite, script)
     rows = many.work_on_logs(logs, allan_one, written, settings, [], batch)
     names = [str(log.path) for log in logs]
     where = "" if folder is None else f"; noise in {folder}"

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sinstool.campaign.inputs import expand
+from sinstool.cli.batch import BatchOptions, batch_options, workers_of, workers_options
 from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.help import Command, Option
-from sinstool.cli.many import BatchOptions, batch_options, workers_of, workers_options
 from sinstool.cli.options import Words, config_options, effective_config, path_option, print_config
 from sinstool.config import ProcessConfig
 from sinstool.config.rig import CALIBRATION_OPTIONS

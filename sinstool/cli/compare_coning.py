@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from sinstool.campaign.inputs import are_many
+from sinstool.cli.batch import EXIT_HELP, BatchOptions, batch_options, warn_of, workers_options
 from sinstool.cli.console import print_json, progress_bar
 from sinstool.cli.help import Command
-from sinstool.cli.many import EXIT_HELP, BatchOptions, batch_options, warn_of, workers_options
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config.coning import COMPARISON_OPTIONS, check_comparison
 

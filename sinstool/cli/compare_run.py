@@ -11,7 +11,7 @@ import click
 
 from sinstool.campaign.inputs import find_logs, output_paths
 from sinstool.cli import many
-from sinstool.cli.many import BatchOptions
+from sinstool.cli.batch import BatchOptions, with_full_names
 from sinstool.config import ProcessConfig
 from sinstool.core.progress import Progress
 from sinstool.core.whole_file import commit_together, write_table
@@ -92,7 +92,7 @@ def compare_many(
     int
         Exit status.
     """
-    config = many.absolute(config)
+    config = with_full_names(config)
     truth = config.comparison.truth
     reads = [*files(config).values(), *([] if truth is None else [Path(truth)])]
     logs = find_logs(inputs)

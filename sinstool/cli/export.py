@@ -10,9 +10,9 @@ import click
 
 from sinstool.campaign.inputs import are_many, find_logs, output_paths
 from sinstool.cli import many
+from sinstool.cli.batch import EXIT_HELP, BatchOptions, batch_options, show_result, workers_options
 from sinstool.cli.console import progress_bar
 from sinstool.cli.help import Command
-from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import EXPORT_OPTIONS, ProcessConfig
 from sinstool.report.text.export import summary_rows
@@ -21,13 +21,13 @@ MAIN = ("output", "export__rate", "input__start", "input__end", "output__overwri
 HEADER = ("frame", "rows", "of")
 
 
-@click.command("export", cls=Command, first=MAIN, epilog=many.EXIT_HELP)
+@click.command("export", cls=Command, first=MAIN, epilog=EXIT_HELP)
 @click.argument("results", nargs=-1, type=click.Path(path_type=Path), metavar="RESULT...")
 @path_option("-o", "--output", text="file to write (.csv, .parquet, .tum, .kml, .gpx, .geojson); a"
              " folder for many results")  # fmt: skip
-@many.workers_options("one for each core")
+@workers_options("one for each core")
 @config_options(*EXPORT_OPTIONS)
-@many.batch_options("the names of the columns", json_of=", or one line for each result")
+@batch_options("the names of the columns", json_of=", or one line for each result")
 def command(
     results: tuple[Path, ...],
     output: Path | None,
@@ -63,12 +63,12 @@ def command(
     suffix = output.suffix.lower().removeprefix(".")
     if config.export.format not in (None, suffix):
         raise click.UsageError(
-            f"--format {config.export.format} and -o {output} say different things"
+            f"--format {config.export.format} and -o {output} contradict each other"
         )
     format_of(output, config)
     with progress_bar(results[0].name, batch.quiet) as progress:
         result = export(results[0], output, config, progress)
-    return many.show_result(result, batch, summary_rows)
+    return show_result(result, batch, summary_rows)
 
 
 def export_many(

@@ -10,24 +10,30 @@ import click
 
 from sinstool.campaign.inputs import are_many, find_logs
 from sinstool.cli import many
+from sinstool.cli.batch import (
+    EXIT_HELP,
+    BatchOptions,
+    batch_options,
+    with_full_names,
+    workers_options,
+)
 from sinstool.cli.console import print_json, progress_bar
 from sinstool.cli.help import Command
-from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import INFO_OPTIONS, ProcessConfig
 
 HEADER = ("duration s", "Imu samples", "Hz", "gaps", "mode", "first attitude", "findings")
 
 
-@click.command("info", cls=Command, first=("report", "overwrite"), epilog=many.EXIT_HELP)
+@click.command("info", cls=Command, first=("report", "overwrite"), epilog=EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
-@many.workers_options("one for each core")
+@workers_options("one for each core")
 @config_options(*INFO_OPTIONS)
 @path_option("--report", metavar="FILE.html",
              text="also write a page of figures (.html), or its first figure (.png, .pdf,"
              " .svg); a folder for many logs")  # fmt: skip
 @click.option("--overwrite", is_flag=True, help="replace an existing report")
-@many.batch_options("all still spans", quiet_of="no progress")
+@batch_options("all still spans", quiet_of="no progress")
 def command(
     logs: tuple[Path, ...],
     config_file: Path | None,
@@ -127,7 +133,7 @@ def info_many(
     """
     logs = find_logs(inputs)
     pages, script = many.page_paths(folder, logs)
-    settings = (many.absolute(config), overwrite, script)
+    settings = (with_full_names(config), overwrite, script)
     rows = many.work_on_logs(logs, info_row, [(page,) for page in pages], settings, [], batch)
     names = [str(log.path) for log in logs]
     return many.finish(names, rows, batch, lambda: many.log_table(HEADER, logs, rows, _cells))

@@ -216,7 +216,9 @@ def _usage(exc: click.ClickException) -> str:
     """Say what is wrong with the arguments, and where the right ones are listed."""
     message = exc.format_message().rstrip(".")
     ctx = exc.ctx if isinstance(exc, click.UsageError) else None
-    return f"{message}; see {ctx.command_path} --help" if ctx is not None else message
+    if ctx is None:
+        return message
+    return f"{message}{' See' if message.endswith('?') else '; see'} {ctx.command_path} --help"
 
 
 def _interrupted(exc: BaseException) -> bool:

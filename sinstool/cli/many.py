@@ -1,184 +1,27 @@
-"""Functions shared by commands on many logs: workers, bars, JSON lines, exit status."""
+"""A command on many logs: its jobs, bars, JSON lines, table, warnings and exit status."""
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import json
-import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from sinstool.cli.console import F, plain, print_json, verbose_option, warn
-from sinstool.cli.help import Option
-from sinstool.config import ProcessConfig
-from sinstool.core.finding import Finding, Severity
-from sinstool.report.text.table import columns, table
+from sinstool.cli.batch import BatchOptions, workers_of
+from sinstool.cli.console import plain, warn
+from sinstool.report.text.table import columns
 
 if TYPE_CHECKING:
     from sinstool.campaign.inputs import LogInput
     from sinstool.campaign.jobs import Job, Outcome, Workers
-    from sinstool.pipelines.align.result import AlignResult
-    from sinstool.pipelines.export.result import ExportResult
-    from sinstool.pipelines.process.result import ProcessResult
 
 INTERRUPTED = 130
-COLOURS = {Severity.WARNING: "yellow", Severity.LOST: "red", Severity.FAILED: "red"}
 # So many names of logs behind a warning
 NAMED = 3
-EXIT_HELP = (
-    "Exit status with many logs: 1 if a log failed, else 3 if something was lost or withheld in"
-    " one, else 0; the table, and each line of --json, have the status of the single log."
-)
-
-
-def workers_options(default: str) -> Callable[[F], F]:
-    """Decorator: the options that say who works.
-
-    Parameters
-    ----------
-    default : str
-        Of ``--jobs``, in words.
-    """
-
-    def decorate(function: F) -> F:
-        for name, of in (
-            ("--tls-key", "our key, unless it is in the certificate's file"),
-            ("--tls-cert", "our certificate for a cluster at tls://"),
-            ("--tls-ca", "certificate of the authority that a cluster at tls:// is trusted by"),
-        ):
-            kind = click.Path(exists=True, dir_okay=False, path_type=Path)
-            function = click.option(
-                name, cls=Option, section="Many logs", type=kind, metavar="FILE", help=of
-            )(function)
-        function = click.option(
-            "--scheduler",
-            metavar="tcp://HOST:PORT",
-            help="use a Dask cluster that sees the same files",
-        )(function)
-        return click.option(
-            "-j",
-            "--jobs",
-            type=click.IntRange(min=1),
-            metavar="N",
-            help=f"processes on this machine [default: {default}]",
-        )(function)
-
-    return decorate
-
-
-@dataclass(frozen=True)
-class BatchOptions:
-    """How a command runs on one or many logs, and what it prints.
-
-    Attributes
-    ----------
-    jobs : int or None
-        Processes of this machine.
-    scheduler : str or None
-        Address of that of a Dask cluster.
-    as_json : bool
-        A line of JSON for each log instead of a table.
-    quiet : bool
-        No bars and no summary.
-    verbose : int
-        How often ``-v`` stands in the command: twice for tracebacks.
-    tls : tuple of Path or None
-        Certificate of the authority, our certificate, and our key, for a cluster.
-    """
-
-    jobs: int | None = None
-    scheduler: str | None = None
-    as_json: bool = False
-    quiet: bool = False
-    verbose: int = 0
-    tls: tuple[Path | None, Path | None, Path | None] = (None, None, None)
-
-
-def batch_options(
-    also: str = "",
-    json_of: str = ", or one line for each log",
-    quiet_of: str = "no progress and no summary",
-) -> Callable[[F], F]:
-    """Decorator: options for output and workers, passed to the command as ``batch``.
-
-    Parameters
-    ----------
-    also : str
-        What ``-v`` shows besides choices.
-    json_of : str
-        What ``--json`` prints besides one object.
-    quiet_of : str
-        What ``-q`` leaves out.
-    """
-
-    def decorate(function: F) -> F:
-        @functools.wraps(function)
-        def command(
-            as_json: bool,
-            quiet: bool,
-            verbose: int,
-            jobs: int | None = None,
-            scheduler: str | None = None,
-            tls_ca: Path | None = None,
-            tls_cert: Path | None = None,
-            tls_key: Path | None = None,
-            **options: Any,
-        ) -> Any:
-            tls = (tls_ca, tls_cert, tls_key)
-            batch = BatchOptions(jobs, scheduler, as_json, quiet, verbose, tls)
-            return function(batch=batch, **options)
-
-        text = f"one JSON object on stdout{json_of}"
-        for option in (
-            verbose_option(also),
-            click.option("-q", "--quiet", is_flag=True, help=quiet_of),
-            click.option("--json", "as_json", is_flag=True, help=text),
-            click.option(
-                "--print-config", "show", is_flag=True, help="print the configuration and stop"
-            ),
-        ):
-            command = option(command)
-        return cast(F, command)
-
-    return decorate
-
-
-def show_result(
-    result: ProcessResult | AlignResult | ExportResult,
-    batch: BatchOptions,
-    rows: Callable[[Any, bool], list[tuple[str, str]]],
-) -> int:
-    """Print the result of one log: JSON or a summary, then its warnings.
-
-    Parameters
-    ----------
-    rows : callable
-        Makes the summary of the result; its second argument asks for details.
-
-    Returns
-    -------
-    int
-        Exit status.
-    """
-    if batch.as_json:
-        print_json(result.to_json())
-    elif not batch.quiet:
-        table(rows(result, batch.verbose > 0))
-    warn_of(result.findings)
-    return result.exit_status
-
-
-def warn_of(findings: Iterable[Finding]) -> None:
-    """Findings that are more than notes on stderr, the gravest last, where the eye falls."""
-    for finding in sorted(findings, key=lambda f: f.severity):
-        if finding.severity > Severity.NOTE:
-            warn(str(finding), COLOURS[finding.severity])
 
 
 def log_table(
@@ -192,61 +35,6 @@ def log_table(
         (row["status"], str(log.path), *cells(row)) for log, row in zip(logs, rows, strict=True)
     ]
     columns(("status", "log", *header), lines)
-
-
-def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers:
-    """The workers of a batch: by default a process for each core of this machine.
-
-    Parameters
-    ----------
-    most : int
-        Jobs that there are.
-
-    Raises
-    ------
-    UsageError
-        Both kinds of workers are named, or encryption only in part.
-    """
-    from sinstool.campaign.jobs import Tls, Workers
-
-    if batch.jobs is not None and batch.scheduler is not None:
-        raise click.UsageError(
-            "--jobs is of this machine and --scheduler of another: give one of them"
-        )
-    if batch.scheduler is not None:
-        from sinstool.campaign.cluster import require_distributed
-
-        require_distributed()
-    authority, certificate, key = batch.tls
-    encrypted = (batch.scheduler or "").startswith("tls://")
-    tls = None
-    if encrypted and authority is not None and certificate is not None:
-        tls = Tls(authority, certificate, key)
-    elif encrypted:
-        raise click.UsageError("--scheduler tls:// needs --tls-ca and --tls-cert")
-    elif any(batch.tls):
-        raise click.UsageError("--tls-ca, --tls-cert and --tls-key go with --scheduler tls://")
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    processes = max(1, min(batch.jobs or cores or 1, most))
-    return Workers(processes, batch.scheduler, tuple(reads), tls)
-
-
-def full_name(name: str | None) -> str | None:
-    """The absolute name of a file, because workers may run elsewhere."""
-    return str(Path(name).absolute()) if name is not None and Path(name).is_file() else name
-
-
-def absolute(config: ProcessConfig) -> ProcessConfig:
-    """The configuration with full names of files."""
-    changes: dict[str, dict[str, Any]] = {
-        "hse": {"hse": full_name(config.hse.hse)},
-        "navigation": {"imu_noise": full_name(config.navigation.imu_noise)},
-        "coning": {"gyro_response": full_name(config.coning.gyro_response)},
-        "comparison": {"truth": full_name(config.comparison.truth)},
-        "output": {"truth": tuple(full_name(name) or name for name in config.output.truth)},
-    }
-    groups = {name: getattr(config, name).model_copy(update=v) for name, v in changes.items()}
-    return config.model_copy(update=groups)
 
 
 def page_paths(
@@ -370,9 +158,7 @@ def work_through(
                     click.echo(json.dumps(plain(ended[printed]), allow_nan=False))
                     printed += 1
     except KeyboardInterrupt:
-        click.echo(
-            f"sinstool: interrupted; {len(ended)} of {len(jobs)} are done, and whole", err=True
-        )
+        click.echo(f"sinstool: interrupted; {len(ended)} of {len(jobs)} are complete", err=True)
         raise click.exceptions.Exit(INTERRUPTED) from None
     return [ended[number] for number in range(len(jobs))]
 
@@ -425,10 +211,10 @@ def _warn_together(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> None
                 text = ": ".join(filter(None, (finding["text"], finding["answer"])))
                 about.setdefault(finding["kind"], {}).setdefault(name, text)
     for by_log in about.values():
-        names, different = list(by_log), list(dict.fromkeys(by_log.values()))
-        shown = ", ".join(names[:NAMED])
-        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-        others = "" if len(different) == 1 else f" (of {names[0]}; the others alike)"
+        logs, different = list(by_log), list(dict.fromkeys(by_log.values()))
+        shown = ", ".join(logs[:NAMED])
+        more = f" and {len(logs) - NAMED} more" if len(logs) > NAMED else ""
+        others = "" if len(different) == 1 else f" (shown: {logs[0]}; the others are similar)"
         warn(f"{shown}{more}: {different[0]}{others}")
 
 

@@ -12,9 +12,16 @@ import click
 from sinstool.api.process import process_one
 from sinstool.campaign.inputs import are_many, find_logs, output_paths
 from sinstool.cli import many
+from sinstool.cli.batch import (
+    EXIT_HELP,
+    BatchOptions,
+    batch_options,
+    show_result,
+    with_full_names,
+    workers_options,
+)
 from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.help import Command
-from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
 from sinstool.core.errors import SinstoolError
@@ -31,10 +38,10 @@ MAIN = ("output", "navigation__mode", "filter__smooth", "output__report", "outpu
 HEADER = ("samples", "Hz", "gaps", "roll", "pitch", "heading deg", "warnings")
 
 
-@click.command("process", cls=Command, first=MAIN, epilog=many.EXIT_HELP)
+@click.command("process", cls=Command, first=MAIN, epilog=EXIT_HELP)
 @click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
 @path_option("-o", "--output", text="MCAP file to write; a folder for many logs")
-@many.workers_options("one for each core")
+@workers_options("one for each core")
 @config_options(*PROCESS_OPTIONS)
 @click.option(
     "--print-plan",
@@ -42,7 +49,7 @@ HEADER = ("samples", "Hz", "gaps", "roll", "pitch", "heading deg", "warnings")
     is_flag=True,
     help="print what would be done and why, and stop",
 )
-@many.batch_options()
+@batch_options()
 def command(
     logs: tuple[Path, ...],
     output: Path | None,
@@ -70,7 +77,7 @@ def command(
         raise click.UsageError("give a LOG to process")
     if show_plan:
         if are_many(logs):
-            raise click.UsageError("--print-plan is about one log")
+            raise click.UsageError("--print-plan is for a single log")
         return _print_plan(logs[0], config, batch)
     if output is None:
         raise click.UsageError("give the output with -o FILE")
@@ -87,7 +94,7 @@ def command(
         raise click.UsageError("--report and -o name one file")
     with progress_bar(log.name, batch.quiet) as progress:
         result = process_one(log, output, report, config, progress)
-    return many.show_result(result, batch, summary_rows)
+    return show_result(result, batch, summary_rows)
 
 
 def _print_plan(log: Path, config: ProcessConfig, batch: BatchOptions) -> int:
@@ -187,7 +194,7 @@ def process_many(
     report = config.output.report
     check_index(folder)
     pages, script = many.page_paths(None if report is None else Path(report), logs)
-    config = many.absolute(config)
+    config = with_full_names(config)
     reads = [*files(config).values(), *map(Path, config.output.truth)]
     index = folder.absolute() / INDEX
     if index in pages:

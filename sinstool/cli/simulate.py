@@ -10,9 +10,9 @@ import click
 from pydantic import create_model
 
 from sinstool.cli import many
+from sinstool.cli.batch import BatchOptions, batch_options, workers_of, workers_options
 from sinstool.cli.console import Group, print_json
 from sinstool.cli.help import Command
-from sinstool.cli.many import BatchOptions
 from sinstool.cli.options import config_options, effective, path_option, print_config
 from sinstool.core.options import Group as Options
 from sinstool.simulation.scenarios import SCENARIOS, HseRig, Scenario
@@ -70,11 +70,11 @@ def _scenario_command(name: str, kind: type[Scenario]) -> click.Command:
         metavar="N",
         help="write N logs to the folder OUTPUT, with seeds from --seed on",
     )
-    @many.workers_options("one for each core")
+    @workers_options("one for each core")
     @path_option("--report", metavar="FILE.html", text="also write a page of figures, or its first"
                  " one (.png, .pdf, .svg)")  # fmt: skip
     @click.option("--overwrite", is_flag=True, help="replace existing outputs")
-    @many.batch_options(json_of="")
+    @batch_options(json_of="")
     def run(
         output: Path | None,
         config_file: Path | None,
@@ -96,7 +96,7 @@ def _scenario_command(name: str, kind: type[Scenario]) -> click.Command:
             raise click.UsageError("give the output with -o FILE")
         if monte_carlo is not None:
             if report is not None:
-                raise click.UsageError("--report is about one log, --monte-carlo makes many")
+                raise click.UsageError("--report is for a single log, and --monte-carlo makes many")
             return _many(scenario, monte_carlo, output, rig_out, overwrite, batch)
         if batch.jobs is not None or batch.scheduler is not None:
             raise click.UsageError("--jobs and --scheduler go with --monte-carlo")
@@ -141,7 +141,7 @@ def _many(
     seeds = range(scenario.seed, scenario.seed + count)
     width = max(DIGITS, len(str(seeds[-1])))
     outputs = [folder / f"{name_of(scenario)}-{seed:0{width}d}.mcap" for seed in seeds]
-    workers = many.workers_of(batch, (), count)
+    workers = workers_of(batch, (), count)
     make_folder(folder)
     jobs = []
     for seed, log in zip(seeds, outputs, strict=True):

@@ -149,7 +149,8 @@ def effective(
 
     Parameters
     ----------
-    given : mapping
+    config_file : Path or None
+    overrides : mapping
         Values by table and key.
     check : bool
         Check also that options fit each other.

@@ -233,7 +233,7 @@ class OutputOptions(Group):
     emit: tuple[str, ...] | None = option(
         None,
         "topics to write, any of "
-        + ",".join(EMITS)
+        + ", ".join(EMITS)
         + " (default: imu, attitude and what else the mode computes)",
         "TOPIC,...",
     )

@@ -118,7 +118,17 @@ class DataError(LogError):
 
 
 class AlignmentError(SinstoolError):
-    """The requested method cannot determine the initial attitude from this log."""
+    """The requested method cannot determine the initial attitude from this log.
+
+    Parameters
+    ----------
+    uncertain : bool, optional
+        There is an attitude, but it is not known well enough.
+    """
+
+    def __init__(self, message: str, hint: str = "", uncertain: bool = False) -> None:
+        self.uncertain = uncertain
+        super().__init__(message, hint)
 
 
 class OutputError(SinstoolError):

@@ -38,4 +38,4 @@ def read_text(path: Path, option: str = "", hint: str = "") -> str:
     try:
         return content.decode()
     except UnicodeDecodeError as exc:
-        raise ConfigurationError(f"{name}: cannot be read (it is no text)", hint) from exc
+        raise ConfigurationError(f"{name}: cannot be read (it is not text)", hint) from exc

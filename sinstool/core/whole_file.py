@@ -91,11 +91,11 @@ def check_mcap_name(output: Path, of_log: bool = False) -> None:
     mcap = output.with_suffix(".mcap")
     if of_log:
         formats = suffix if suffix in EXPORTED else ", ".join(EXPORTED)
-        then = f"; `sinstool export` writes {formats} of what `sinstool process` makes of the log"
+        then = f"; `sinstool export` writes {formats} from the output of `sinstool process`"
     elif suffix in EXPORTED:
         then = f", then run `{shlex.join(['sinstool', 'export', str(mcap), '-o', str(output)])}`"
     else:
-        then = f"; `sinstool export` writes {', '.join(EXPORTED)} of it"
+        then = f"; `sinstool export` converts it to {', '.join(EXPORTED)}"
     raise ConfigurationError(f"-o {output}: the output is an MCAP", f"give -o {mcap}{then}")
 
 

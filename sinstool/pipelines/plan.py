@@ -29,15 +29,16 @@ from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import measured_noise, random_walks, sensor_grade, walk_in
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
+from sinstool.survey.needs import has_gnss
 from sinstool.survey.oddities import usual_force
-from sinstool.survey.source import Source, has_gnss
+from sinstool.survey.source import Source
 
 if TYPE_CHECKING:
     from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 
 # The finding about a log with fixes that no filter can start from.
 NO_INS_GNSS = "no-ins-gnss"
-NO_SOLUTION = "attitude alone, as no INS/GNSS solution can be started: "
+NO_SOLUTION = "attitude only, as no INS/GNSS solution can be started: "
 NO_NORTH = "nothing shows north"
 # A log that is shorter holds nothing to smooth.
 SHORTEST_S = 3.0
@@ -77,6 +78,8 @@ class Plan:
 
     Attributes
     ----------
+    imu_topic, imu_grade, coning : Choice
+        The topic, the grade, and the algorithm by its name.
     mode : Choice
         ``attitude``, ``ins``, ``ins-gnss`` or ``turntable``.
     attitude : Choice
@@ -238,8 +241,8 @@ def turntable_plan(topic: str, config: ProcessConfig) -> Plan:
         imu_grade=Choice("navigation", "as the rig was calibrated", "--imu-grade"),
         imu_noise=Choice("of the grade", "as the rig was calibrated", "--imu-noise"),
         coning=Choice("none", "as the table's encoder gives the motion", "--hse"),
-        height_reference=Choice("none", "as attitude alone is computed", "--hse"),
-        wheels=Choice("none", "as attitude alone is computed", "--hse"),
+        height_reference=Choice("none", "as only attitude is computed", "--hse"),
+        wheels=Choice("none", "as only attitude is computed", "--hse"),
         vehicle=Choice("none", "as no filter runs", "--vehicle"),
         _findings=_unused(config, mode),
     )
@@ -257,20 +260,22 @@ def _mode(
         none = config.input.gnss_topic is not None
         reason = "as --gnss-topic is none" if none else "as the log has no GNSS fixes"
         return Choice("attitude", reason, option), None, ()
+    answer = ""
     if config.input.imu_rate is not None:
         why = "only stamps tell which fix belongs to which sample, not --imu-rate"
     else:
         try:
             start = _filter_start(source, config)
         except (AlignmentError, TopicError) as exc:
-            why = str(exc).removeprefix(f"{source.path}: ")  # the finding is about that log
+            # The finding is about that log
+            why, answer = exc.message.removeprefix(f"{source.path}: "), exc.hint
         else:
             reason = "as the log has GNSS fixes, and they show where it starts"
             return Choice("ins-gnss", reason, option), start, ()
         give_back()
     text = f"{NO_SOLUTION}{why}"
     reason = "as no INS/GNSS solution can be started"
-    return Choice("attitude", reason, option), None, (Finding(NO_INS_GNSS, text),)
+    return Choice("attitude", reason, option), None, (Finding(NO_INS_GNSS, text, answer=answer),)
 
 
 def _unused(config: ProcessConfig, mode: Choice) -> tuple[Finding, ...]:

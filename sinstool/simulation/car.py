@@ -14,7 +14,8 @@ import numpy as np
 
 from sinstool.core import rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.simulation.gnss import Triple, moments
+from sinstool.simulation.gnss import Triple
+from sinstool.simulation.moments import moments
 from sinstool.simulation.travel import Levels
 from sinstool.simulation.truth import Trajectory
 

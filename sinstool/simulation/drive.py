@@ -70,9 +70,10 @@ def road_drive(
     return turned(trajectory, rotation.from_euler(car.mount)) if any(car.mount) else trajectory
 
 
-def _roads(
-    duration_s: float, still_s: float, random: np.random.Generator, car: Car, slip: Jet
-) -> Motion:
+def _itinerary(
+    duration_s: float, still_s: float, random: np.random.Generator, car: Car
+) -> tuple[Levels, Levels, Levels]:
+    """Speed, m/s, rate of turn, rad/s, and slope, rad, of the road over time."""
     speeds: list[tuple[float, float, float]] = []
     turns: list[tuple[float, float, float]] = []
     slopes: list[tuple[float, float, float]] = []
@@ -103,7 +104,14 @@ def _roads(
             speeds.append((t, 7.0, 0.0))
             t += 7.0 + float(random.uniform(5.0, 20.0))
             moving = False
-    speed, turn, slope = Levels(0.0, speeds), Levels(0.0, turns), Levels(0.01, slopes)
+    return Levels(0.0, speeds), Levels(0.0, turns), Levels(0.01, slopes)
+
+
+def _roads(
+    duration_s: float, still_s: float, random: np.random.Generator, car: Car, slip: Jet
+) -> Motion:
+    """Motion of a car along its road, which shakes it on its suspension."""
+    speed, turn, slope = _itinerary(duration_s, still_s, random, car)
     frequency = random.uniform(2.0, 4.0, (4, 3))
     phase = random.uniform(0.0, 2.0 * np.pi, (4, 3))
     angle = np.deg2rad(0.12) * random.uniform(0.5, 1.5, (2, 3))

@@ -14,7 +14,7 @@ from sinstool.core.options import span
 from sinstool.core.rotation import from_euler
 from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import check_mcap_name, check_output, commit_together, write_whole
-from sinstool.methods.height.pressure import geopotential, height_per_pascal, pressure_at
+from sinstool.methods.height.standard_atmosphere import geopotential, height_per_pascal, pressure_at
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, Part, SensorGrade, without
 from sinstool.simulation import drive, flight, launch, motions, scenarios
 from sinstool.simulation.car import Car, axle_motion

@@ -33,6 +33,7 @@ _HARMONICS = 4.0
 _MOST_NODES = 1000  # a hundred turns of the highest frequency in one interval
 _ROWS = 4096  # at a time: the tables of sines stay small
 _MOST_DURATIONS = 8
+_BROADBAND_LINES, _MANOEUVRE_LINES = 200, 12  # sinusoids, of a manoeuvre in each axis
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ def two_frequency(half_angles: tuple[float, float], frequencies: tuple[float, fl
 
 
 def broadband(
-    angle_rms: float, band: tuple[float, float] = (20.0, 150.0), *, seed: int = 0, lines: int = 200
+    angle_rms: float, band: tuple[float, float] = (20.0, 150.0), *, seed: int = 0
 ) -> Sinusoids:
     """Vibration with coning at every frequency of a band.
 
@@ -126,23 +127,21 @@ def broadband(
         Hz.
     seed : int, optional
         Of the phases.
-    lines : int, optional
-        Sinusoids, equally spaced over the band, of equal rate: amplitudes fall as 1/f.
 
     Returns
     -------
     Sinusoids
-        y is a quarter of a turn behind x at every frequency, each at a random phase, so that
-        all of the motion cones about z the same way round.
+        Equally spaced over the band, of equal rate: amplitudes fall as 1/f. y is a quarter of a
+        turn behind x at every frequency, each at a random phase, so that all of the motion cones
+        about z the same way round.
 
     Raises
     ------
     ValueError
         If the band is empty.
     """
-    low, high = band
-    if not 0.0 < low < high or lines < 1:
-        raise ValueError(f"No {lines} lines lie in the band {band}.")
+    low, high = _limits(band)
+    lines = _BROADBAND_LINES
     frequency = low + (high - low) * (np.arange(lines) + 0.5) / lines
     amplitude = 1.0 / frequency
     amplitude *= angle_rms / np.sqrt(0.5 * np.sum(amplitude**2))
@@ -153,9 +152,7 @@ def broadband(
     return Sinusoids(frequency, np.stack([a, -b, zero], -1), np.stack([b, a, zero], -1))
 
 
-def random_manoeuvre(
-    rate_rms: float, band: tuple[float, float], *, seed: int = 0, lines: int = 12
-) -> Sinusoids:
+def random_manoeuvre(rate_rms: float, band: tuple[float, float], *, seed: int = 0) -> Sinusoids:
     """Random rotation about all three axes.
 
     Parameters
@@ -166,17 +163,14 @@ def random_manoeuvre(
         Hz, of the rotation vector; the body's rate has products of these.
     seed : int, optional
         Of frequencies, amplitudes and phases.
-    lines : int, optional
-        Sinusoids in each axis.
 
     Raises
     ------
     ValueError
         If the band is empty.
     """
-    low, high = band
-    if not 0.0 < low < high or lines < 1:
-        raise ValueError(f"No {lines} lines lie in the band {band}.")
+    low, high = _limits(band)
+    lines = _MANOEUVRE_LINES
     random = np.random.default_rng(seed)
     frequency = random.uniform(low, high, 3 * lines)
     rate = random.normal(size=(2, 3 * lines))
@@ -184,6 +178,14 @@ def random_manoeuvre(
     axes = np.repeat(np.eye(3), lines, axis=0)
     sine, cosine = (r / (2.0 * np.pi * frequency) for r in rate)
     return Sinusoids(frequency, sine[:, np.newaxis] * axes, cosine[:, np.newaxis] * axes)
+
+
+def _limits(band: tuple[float, float]) -> tuple[float, float]:
+    """Ends of a band, in which there are frequencies."""
+    low, high = band
+    if not 0.0 < low < high:
+        raise ValueError(f"No frequency lies in the band {band}.")
+    return low, high
 
 
 def sample(

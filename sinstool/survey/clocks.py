@@ -1,4 +1,4 @@
-"""The Imu against the receiver: what is wrong of them though each alone seems right.
+"""The clocks of Imu and receiver against each other, as each alone may seem right.
 
 Their clocks are compared by the times at which both were recorded, and by their turns.
 """
@@ -79,10 +79,10 @@ def clocks_apart(
     ahead = low - delay
     shown = f"{abs(ahead):.1f} s {'ahead of' if ahead > 0.0 else 'behind'}"
     # No message is recorded before it is sent, but a slow link may deliver it late
-    unless = "" if ahead > 0.0 else ", unless they were recorded so late"
+    unless = "" if ahead > 0.0 else ", unless they were recorded that late"
     text = (
-        f"the stamps of {topic} are {shown} those of the Imu, by the times at which messages were"
-        " recorded: two clocks"
+        f"the stamps of {topic} are {shown} those of the Imu, judging by the times of recording:"
+        " two clocks"
     )
     finding = two_clocks(text, ahead, options, topic)
     return [replace(finding, answer=finding.answer + unless)]

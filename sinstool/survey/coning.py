@@ -40,11 +40,11 @@ def coning_reason(chosen: ConingAlgorithm, config: ProcessConfig) -> str:
     kind = config.input.sample_kind
     default = type(config.coning).model_fields["coning"].default
     why = "the default" if config.coning.coning == default else "as configured"
-    way = "which become increments by the polynomial through six of them"
+    way = "made increments by a polynomial through six of them"
     if kind != "rate":
         way = "taken as increments"
     elif chosen.for_kind(of_rates(kind)).takes == "rates":
-        way = "which it takes as they are"
+        way = "used as they are"
     return f"{why}: {chosen.summary}; gyro samples are {kind}, {way}"
 
 

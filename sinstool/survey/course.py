@@ -1,4 +1,4 @@
-"""What the course of a vehicle over ground says of its gyro: the unit and the sense of its rates.
+"""The gyro against the course over ground: the unit and the sense of its rates.
 
 A vehicle that follows its nose turns as its course does. A car hardly tilts, so that gravity, which
 :mod:`~sinstool.survey.unit_evidence` looks at, does not show the unit of its rates; its turns do.
@@ -213,7 +213,7 @@ def course_findings(
         if ahead is not None:
             shown = f"{abs(ahead):.1f} s {'ahead of' if ahead > 0.0 else 'behind'}"
             text = (
-                "the course over ground turns as the gyro does only if the stamps of the fixes are"
+                "the course over ground turns with the gyro only if the stamps of the fixes are"
                 f" {shown} those of the Imu: two clocks"
             )
             yield two_clocks(text, ahead, options, topic)
@@ -253,12 +253,12 @@ def course_findings(
         yield Finding(
             "course-gyro-sense",
             f"topic {topic}: {turned}the other way than the gyro about the vertical that the"
-            " accelerometer shows: the signs of one of the two are inverted, and what is computed"
-            " from both is not to be trusted",
+            " accelerometer shows: the signs of one of the two are inverted, so do not trust what"
+            " is computed from both",
             severity=Severity.LOST,
-            answer="at rest an accelerometer reads +9.8 m/s^2 along the axis that points up, and a"
-            " gyro is positive to the left about that axis: correct the driver, or convert the log,"
-            " unless the fixes have latitude and longitude exchanged",
+            answer="correct the driver or convert the log, unless the fixes have latitude and"
+            " longitude exchanged: at rest an accelerometer reads +9.8 m/s^2 along the axis that"
+            " points up, and a gyro's turns to the left about that axis are positive",
             topic=topic,
             numbers=numbers,
         )

@@ -319,7 +319,7 @@ def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
         raise DataError(
             log.path,
             f"topic {topic}: its latitudes are about {latitude:.6g} and longitudes"
-            f" {longitude:.6g}, which are no degrees",
+            f" {longitude:.6g}, which cannot be degrees",
             "sensor_msgs/NavSatFix holds degrees (some drivers write 1e-7 degrees): convert it,"
             " or name another topic with --gnss-topic",
         )
@@ -364,7 +364,7 @@ def _without_stuck(
     seconds = (fixes.time_ns[at] - fixes.time_ns[at - 1]).sum() * 1e-9
     text = (
         f"topic {topic}: the receiver hangs for {seconds:.1f} s in all: {count} fixes repeat an"
-        " earlier one, and the next ones are far away; left out"
+        " earlier one, although the next ones are far away; they are left out"
     )
     numbers = {"messages": count, "seconds": float(seconds)}
     finding = Finding(

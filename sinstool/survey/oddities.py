@@ -73,22 +73,22 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
     elif gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
         if turns_like_degrees(s.gyro_unit):
             reason = (
-                "gravity turns in the body as if its rates were in deg/s"
-                f" ({s.gyro_unit.scale:.2f} of what they then say; it would be 57 for rad/s)"
+                f"gravity turns in the body by {s.gyro_unit.scale:.2f} times the angle that the"
+                " rates give if they are in deg/s (1 is right; rates in rad/s would give 57)"
             )
             if s.gyro_unit.misfit_radians > LEAST_MISFIT:
                 reason = (
-                    "in axes that do not turn the mean specific force of twenty seconds is"
-                    f" {s.gyro_unit.misfit_radians:.0%} off the size of gravity if its rates are"
-                    f" in rad/s, and {s.gyro_unit.misfit_degrees:.1%} if they are in deg/s"
+                    "averaged over twenty seconds in axes that do not turn, the specific force"
+                    f" differs from gravity by {s.gyro_unit.misfit_radians:.0%} if the rates are"
+                    f" in rad/s, but by {s.gyro_unit.misfit_degrees:.1%} if they are in deg/s"
                 )
         else:
-            reason = f"its rates reach {s.gyro_max.max():.0f}, too much for rad/s"
+            reason = f"the rates reach {s.gyro_max.max():.0f}, which is too much for rad/s"
         if options.gyro_unit is None:
             answer = "add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)"
             severity = Severity.FAILED
             if not s.gyro_unit.surely_degrees:
-                reason += "; they are read as rad/s, in which such rates are usual"
+                reason += "; they are read as rad/s, as rates of this size are usual in rad/s"
                 severity = Severity.WARNING
             yield Finding(
                 "gyro-unit", f"topic {s.topic}: {reason}", answer=answer, severity=severity
@@ -129,7 +129,7 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             "no-gravity",
             f"topic {s.topic}: the specific force is only {force:.3f} m/s^2 in size, so the"
             " driver has removed gravity, or the data are empty",
-            answer="tilt cannot be had from it; use --align log or --align fixed",
+            answer="it does not show the tilt; use --align log or --align fixed",
         )
     elif _odd_size(s):
         yield Finding(
@@ -162,7 +162,10 @@ def _degrees(s: Survey) -> Iterator[Finding]:
     if degrees_look_like_radians(s.gyro_unit):
         times = s.gyro_unit.scale * DEGREE
         answer = "leave out --gyro-unit unless the log is right"
-        text += f"gravity turns {times:.3g} times as far in the body, as if they were in rad/s"
+        text += (
+            f"gravity turns {times:.3g} times as far in the body as they say, so they seem to be in"
+            " rad/s"
+        )
         yield Finding("gyro-unit", text, answer=answer)
     elif most < SLOW_DEG_S and _moves(s):
         text += f"they never exceed {most:.2g} deg/s in a log that moves"
@@ -216,7 +219,7 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             numbers={"rate_hz": s.rate_hz},
         )
     if s.count == 1:
-        yield Finding("one-sample", f"topic {s.topic} has one usable sample only")
+        yield Finding("one-sample", f"topic {s.topic} has only one usable sample")
     if s.time_source == "log":
         yield Finding("time-source", f"{s.time_note}, so the recorder's log times are used instead")
     if s.bursty:
@@ -229,8 +232,8 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if s.even is not None:
         yield Finding(
             "uneven-stamps",
-            f"stamps differ by {s.even.jitter_ns / 1e6:.2g} ms (1 sigma) from even times, as those"
-            " of receipt do: the samples are taken as evenly spaced,"
+            f"stamps differ by {s.even.jitter_ns / 1e6:.2g} ms (1 sigma) from even times, like"
+            " stamps set on receipt: the samples are taken as evenly spaced,"
             f" {s.even.usual_ns / 1e6:.6g} ms apart",
             answer="if they were taken at their stamps, use --imu-stamps kept",
         )
@@ -245,11 +248,13 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
         yield Finding(
             "duplicate-stamps",
             f"{o.duplicates} samples repeat a stamp ({o.differing_duplicates} with other"
-            " values) and were left out",
+            " values); they were left out",
         )
     if o.late:
         yield Finding(
-            "late-samples", f"{o.late} samples came too late and were left out", Severity.LOST
+            "late-samples",
+            f"{o.late} samples came too late in the file to be sorted and were left out",
+            Severity.LOST,
         )
     if s.gap_count:
         longest = max(length for _, length in s.gaps)
@@ -288,7 +293,8 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if s.losses.nonfinite:
         yield Finding(
             "not-finite",
-            f"{s.losses.nonfinite} samples hold NaN, infinity or more than {LARGEST:.0e}; left out",
+            f"{s.losses.nonfinite} samples hold NaN, infinity or more than {LARGEST:.0e};"
+            " they were left out",
             severity=Severity.LOST,
         )
     held = s.held - _without_noise(s)
@@ -302,7 +308,7 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
         yield Finding(
             "saturation",
             f"{', '.join(s.saturated)} stays at its largest value for several samples:"
-            " the sensor's range is too small there",
+            " the motion exceeds the sensor's range",
         )
     yield from _orientation(s)
     yield from _axes(s, options)
@@ -325,16 +331,16 @@ def _axes(s: Survey, options: InputOptions) -> Iterator[Finding]:
             "gravity-axis",
             f"{when} the accelerometer reads gravity on {axis} of the sensor, not on {usual}"
             + (f", and its frame_id is {s.frame_id}" if named else ""),
-            answer=f"add --body-axes {other} unless the sensor is mounted so"
+            answer=f"add --body-axes {other} unless the sensor is mounted that way"
             if turned
-            else "a matter of mounting, or of --body-axes",
+            else "fine if the sensor is mounted that way: the attitude is the sensor's own",
         )
     elif named:
         yield Finding(
             "frame-axes",
-            f"the frame_id of topic {s.topic} is {s.frame_id}, its axes are read as"
+            f"the frame_id of topic {s.topic} is {s.frame_id}, but its axes are read as"
             f" {options.body_axes}",
-            answer=f"add --body-axes {other} if the name says what the axes are",
+            answer=f"add --body-axes {other} if the name is right about the axes",
         )
 
 
@@ -348,7 +354,7 @@ def _without_noise(s: Survey) -> int:
 
 def _orientation(s: Survey) -> Iterator[Finding]:
     if s.orientation_constant:
-        placeholder = " and the identity, a placeholder" if s.orientation is None else ""
+        placeholder = ": the identity, a placeholder" if s.orientation is None else ""
         yield Finding(
             "constant-orientation",
             f"the orientation in topic {s.topic} is the same in every message{placeholder}",

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from sinstool.config import InputOptions, ProcessConfig
-from sinstool.config.align import IN_FLIGHT
 from sinstool.config.logs import parse_time
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
@@ -19,9 +18,8 @@ from sinstool.core.streams import Imu
 from sinstool.core.timeline import GAP_INTERVALS, SECOND, mean_rates
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.message_types import FIX_TYPE
 from sinstool.io.readers.streams import ImuUnits, first_fix
-from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu, optional_topics
+from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu
 from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
 from sinstool.survey.clocks import against_gnss
@@ -29,6 +27,13 @@ from sinstool.survey.even_stamps import EvenStamps, even_stamps
 from sinstool.survey.gnss import LEFT_OUT, read_gnss
 from sinstool.survey.imu import BLOCK_ROWS, Survey, Watcher, survey
 from sinstool.survey.magnetometer import magnetic_channels
+from sinstool.survey.needs import (
+    may_need_barometer,
+    may_need_magnetometer,
+    may_need_mount,
+    may_write_tf,
+    needs_all_gnss,
+)
 from sinstool.survey.oddities import oddities
 from sinstool.survey.rest import moving_at, rest_end, settled
 from sinstool.survey.samples import SampleCache, samples_again
@@ -117,11 +122,11 @@ def prepare(
         text = f"Imu topic {topic.topic}: {topic.reason}"
         findings.append(Finding("imu-topic", text, topic=topic.topic))
     all_gnss = not gyro_only and needs_all_gnss(log, config)
-    needs_baro = not gyro_only and _may_need_barometer(log, config)
+    needs_baro = not gyro_only and may_need_barometer(log, config)
     needs_wheels = all_gnss and config.navigation.mode in ("auto", "ins-gnss")
     if all_gnss:
         log.cache(aiding_channels(log, needs_baro, needs_wheels))
-    elif not gyro_only and _may_need_magnetometer(config):
+    elif not gyro_only and may_need_magnetometer(config):
         log.cache(magnetic_channels(log))
     survey_, samples = surveyed or survey_samples(log, topic, options, progress)
     long = samples.blocks is None  # what was read of it lies about in pieces that were freed
@@ -153,8 +158,8 @@ def prepare(
         findings=tuple(findings),
         body_frame=body,
         encoding=topic.channels[0].message_encoding,
-        tf_parent=tf_parent(log, body) if _may_write_tf(config) else None,
-        in_vehicle=in_vehicle(log, body) if all_gnss and _may_need_mount(config) else None,
+        tf_parent=tf_parent(log, body) if may_write_tf(config) else None,
+        in_vehicle=in_vehicle(log, body) if all_gnss and may_need_mount(config) else None,
         samples=samples,
     )
     _explain(source, config)
@@ -304,57 +309,6 @@ def _explain(source: Source, config: ProcessConfig) -> None:
         if latitude is None
         else f"{latitude:.6f} deg, by {where}",
     )
-
-
-def needs_all_gnss(log: Log, config: ProcessConfig) -> bool:
-    """Whether a run may need all of GNSS, not only where the log begins."""
-    mode, align = config.navigation.mode, config.align.align
-    if mode in ("ins", "ins-gnss") or config.vertical.height_damping != "off":
-        return True
-    if align in IN_FLIGHT:
-        return True
-    return (mode == "auto" or align == "auto") and has_gnss(log, config.input)
-
-
-def _may_need_barometer(log: Log, config: ProcessConfig) -> bool:
-    """Whether a run may use the log's barometer."""
-    damping, mode = config.vertical.height_damping, config.navigation.mode
-    if damping == "baro":
-        return True
-    if damping == "gnss" or config.filter.filter == "plain-15":
-        return False
-    return mode == "ins-gnss" or (mode == "auto" and has_gnss(log, config.input))
-
-
-def _may_need_magnetometer(config: ProcessConfig) -> bool:
-    """Whether a run that needs no GNSS may use the log's magnetometer."""
-    options = config.navigation
-    return options.attitude != "inertial" and options.magnetometer != NONE
-
-
-def _may_write_tf(config: ProcessConfig) -> bool:
-    """Whether a run may write transforms beside the log's own."""
-    emit = config.output.emit
-    if config.output.only_results:
-        return False
-    return config.navigation.mode != "attitude" if emit is None else "tf" in emit
-
-
-def _may_need_mount(config: ProcessConfig) -> bool:
-    """Whether a run may constrain a land vehicle without a configured mount of the Imu."""
-    return (
-        config.navigation.mode in ("auto", "ins-gnss")
-        and config.filter.vehicle != "none"
-        and config.filter.mount is None
-    )
-
-
-def has_gnss(log: Log, options: InputOptions) -> bool:
-    """Whether a log has a topic with fixes that may be used."""
-    try:
-        return bool(optional_topics(log, "--gnss-topic", options.gnss_topic, FIX_TYPE))
-    except TopicError:
-        return False
 
 
 def imu_units(options: InputOptions) -> ImuUnits:

@@ -59,7 +59,7 @@ class Tally:
         return self.last_ns < self.orientation_ns + ORIENTED_NS
 
     def add(self, block: Imu) -> None:
-        """Take a block of ordered samples into the self."""
+        """Add a block of ordered samples."""
         times = block.time_ns
         if self.count == 0:
             self.first_ns = int(times[0])

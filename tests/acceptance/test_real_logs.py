@@ -13,7 +13,7 @@ from sinstool.core.streams import concatenate
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import ImuUnits, Losses, read_columns, read_imu
 from sinstool.io.readers.topics import choose_imu
-from sinstool.io.writers.solution import topic_of
+from sinstool.io.writers.solution_topics import topic_of
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator

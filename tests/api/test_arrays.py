@@ -119,7 +119,7 @@ GOOD = Imu.of(TIMES, ZEROS, ZEROS)
         (lambda: sinstool.integrate(GOOD, coning="previous-0"), "unknown coning algorithm"),
         (lambda: sinstool.integrate(GOOD, gyro_bias="still"), "gyro_bias is not made of numbers"),
         (lambda: sinstool.integrate(GOOD.rows(slice(0, 1))), "there are 1 Imu samples"),
-        (lambda: sinstool.integrate(GOOD.rows(slice(None, None, -1))), "order of time"),
+        (lambda: sinstool.integrate(GOOD.rows(slice(None, None, -1))), "in time order"),
         (lambda: sinstool.navigate(GOOD, None), "no GNSS is given"),
         (lambda: sinstool.navigate(GOOD, GOOD), "gnss is of type Imu: give columns: log.gnss"),
         (lambda: Imu.of(TIMES, ZEROS[1:], ZEROS), r"gyro has the shape \(4, 3\)"),

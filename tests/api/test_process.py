@@ -199,7 +199,7 @@ def test_compare_coning_is_compare_coning(command):
         ({"config": "no.toml"}, "no.toml: cannot be read"),
         ({"output": STATIC}, "is the input itself"),
         ({"output": 3}, "the output is of type int"),
-        ({"emit": ["imu"]}, "emit is about the output, and none is written: give an output"),
+        ({"emit": ["imu"]}, "emit concerns the output, and none is written: give an output"),
         ({"start": 30.0}, "no usable Imu message"),
         ({"align": "fixed"}, "needs an attitude"),
         ({"mode": "ins-gnss", "align": "svd"}, "static.mcap"),

@@ -82,7 +82,7 @@ def test_what_is_refused(align, tmp_path):
     assert align(log, *KIND, "--at", "noon")[0] == 2
     assert align(log, *KIND, "--truth", "/nothing")[0] == 1
     code, _, err = align(log, *KIND, "--method", "gyrocompass")
-    assert code == 1 and "begins still" in err
+    assert code == 1 and "begins at rest" in err
     code, _, err = align(log, *KIND, "--report", tmp_path / "page.doc")
     assert code != 0 and "report" in err
 
@@ -109,7 +109,7 @@ def test_a_time_at_rest_is_that_of_the_answer(align, resting, method, status):
     code, out, _ = align(resting, "--method", method, "--at", "50", "--json")
     assert code == status and json.loads(out)["time_s"] == 50.0
     code, _, err = align(resting, "--method", method, "--at", "500")
-    assert code == 2 and f"--at 500: by {method} the attitude is known until" in err
+    assert code == 2 and f"--at 500: {method} gives the attitude until" in err
 
 
 @pytest.mark.parametrize("at", ["noon", "nan", "inf"])
@@ -125,5 +125,5 @@ def test_an_alignment_does_not_speak_of_navigation(align, resting):
     assert "INS/GNSS" not in err and "warning" not in err
     code, _, err = align(resting, "--imu-grade", "mems")
     assert code == 3
-    assert "motion does not show heading: " in err and "INS/GNSS" not in err
-    assert "heading is not known: the log shows roll and pitch only" in err
+    assert "no heading from GNSS: " in err and "INS/GNSS" not in err
+    assert "heading is not known: the log shows only roll and pitch" in err

@@ -290,7 +290,7 @@ def test_a_configuration_that_is_not_there(sinstool, tmp_path):
     assert status == 2 and "no.toml: cannot be read" in one_line(err)
     (tmp_path / "latin.toml").write_bytes(b'[input]\nimu_topic = "\xe4"')
     status, _, err = sinstool("process", "--config", tmp_path / "latin.toml", "--print-config")
-    assert status == 2 and "it is no text" in one_line(err)
+    assert status == 2 and "it is not text" in one_line(err)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import pytest
 from sinstool.methods.coning.registry import algorithm
 from sinstool.pipelines.compare_coning import runs
 from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS
-from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H
 from tests.helpers.coning_response import coning_drift
 from tests.helpers.imulogs import even_times, handheld, imu_log, resting
 from tests.helpers.logs import real
@@ -40,7 +40,7 @@ def moving(tmp_path):
 
 
 def closed(name, decimate=1):
-    return abs(coning_drift(algorithm(name), np.radians(1.0), 5.0, 0.01 * decimate)) * DEG_H
+    return abs(coning_drift(algorithm(name), np.radians(1.0), 5.0, 0.01 * decimate)) * IN_DEG_H
 
 
 def row_of(out, name, group=0):
@@ -307,7 +307,7 @@ def test_two_seconds_a_gap_rest_and_nan(compare, tmp_path):
     holed[3000:3050, 1] = np.inf
     path = imu_log(tmp_path / "nan.mcap", times, holed, accel)
     _, out, err = compare(path, "--decimate", "1")
-    assert "53 samples hold NaN, infinity or more than 1e+09; left out" in err
+    assert "53 samples hold NaN, infinity or more than 1e+09; they were left out" in err
     assert "in 3 stretches" in out
     assert "The others cannot be told apart" in " ".join(out.split())
 

@@ -61,7 +61,7 @@ def test_mistakes_are_one_line_and_leave_nothing(sinstool, result, tmp_path):
         ((result, "-o", tmp_path / "x.jsn"), "did you mean"),
         ((result, "-o", tmp_path / "x"), "it has no suffix of sinstool export"),
         ((STATIC, "-o", tmp_path / "x.csv"), "it is no result of sinstool"),
-        ((result, "-o", tmp_path / "x.csv", "--format", "kml"), "say different things"),
+        ((result, "-o", tmp_path / "x.csv", "--format", "kml"), "contradict each other"),
         ((result, "-o", tmp_path / "x.csv", "--start", "99"), "no row between --start and --end"),
         ((result, "-o", tmp_path / "x.csv", "--start", "noon"), "is not a time"),
         ((result, "-o", tmp_path / "no" / "x.csv"), "does not exist"),
@@ -121,9 +121,9 @@ def test_an_output_of_process_and_simulate_is_an_mcap(sinstool, tmp_path, suffix
     if suffix.lower() in EXPORTED:
         assert f"`sinstool export '{mcap}' -o '{name}'`" in err
     else:
-        assert "`sinstool export` writes .csv, .parquet, .tum, .kml, .gpx, .geojson of it" in err
+        assert "`sinstool export` converts it to .csv, .parquet, .tum, .kml, .gpx, .geojson" in err
     status, out, err = sinstool("simulate", "static", "-o", name)
-    assert (status, out) == (2, "") and "`sinstool process` makes of the log" in err
+    assert (status, out) == (2, "") and "from the output of `sinstool process`" in err
     assert sinstool("process", STATIC, "-o", name, "--json")[0] == 2
     with pytest.raises(ConfigurationError, match="the output is an MCAP"):
         package.process(STATIC, name)

@@ -486,7 +486,7 @@ def test_ctrl_c(large, expected, tmp_path):
     run.send_signal(signal.SIGINT)
     _, stderr = run.communicate(timeout=60)
     assert run.returncode == 130, stderr
-    said = re.findall(r"sinstool: interrupted; (\d) of 4 are done, and whole\n", stderr)
+    said = re.findall(r"sinstool: interrupted; (\d) of 4 are complete\n", stderr)
     assert len(said) == 1 and "Traceback" not in stderr
     assert ended(processes)
     # whole files only, and a rerun makes the others
@@ -532,7 +532,7 @@ def test_align_over_realisations(sinstool, tmp_path):
     north, east = ((sum(error[k] ** 2 for error in errors) / 3) ** 0.5 for k in (0, 1))
     assert f"rms error (logs): north {north:.4f} (3), east {east:.4f} (3)" in printed
     status, _, err = sinstool("align", tmp_path / "mc", "--report", tmp_path / "page.html")
-    assert status == 2 and "one log" in err
+    assert status == 2 and "a single log" in err
 
 
 def shown(*arguments):

@@ -73,7 +73,7 @@ def test_a_rate_in_place_of_stamps_leaves_fixes_without_samples(drive, tmp_path)
     assert not out.exists()
     alone = json.loads(CliRunner().invoke(cli, arguments).stdout)
     assert alone["filter"] is None
-    assert any("attitude alone" in text and "--imu-rate" in text for text in alone["warnings"])
+    assert any("attitude only" in text and "--imu-rate" in text for text in alone["warnings"])
 
 
 @pytest.mark.parametrize("text", ["10", "20:10", "a:b"])

@@ -72,5 +72,5 @@ def test_a_deeply_nested_calibration_is_refused_in_one_line(depth, head):
 def test_a_table_of_a_gyro_that_is_no_text_is_refused(tmp_path):
     path = tmp_path / "gyro.txt"
     path.write_bytes(b"\xff\xfe\n")
-    with pytest.raises(ConfigurationError, match="no text"):
+    with pytest.raises(ConfigurationError, match="not text"):
         gyro_response(str(path))

@@ -8,7 +8,7 @@ import pytest
 import sinstool
 from sinstool.io.messages.encode import Encoder
 from sinstool.io.readers import open_log
-from sinstool.io.writers.solution import (
+from sinstool.io.writers.solution_topics import (
     DIAGNOSTICS_TOPIC,
     TOPICS,
     Frames,

@@ -6,7 +6,7 @@ import re
 from typing import get_args
 
 from sinstool.config.logs import EMITS
-from sinstool.io.writers.solution import DIAGNOSTICS_TYPE, TOPICS, topic_of
+from sinstool.io.writers.solution_topics import DIAGNOSTICS_TYPE, TOPICS, topic_of
 from sinstool.methods.ins_gnss.states import FilterName
 from tests.docs.examples import ROOT
 

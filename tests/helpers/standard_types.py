@@ -9,7 +9,7 @@ import json
 from dataclasses import astuple
 
 from sinstool.io.messages.definitions import ENCODINGS, collected, definition_of
-from sinstool.io.writers.solution import DIAGNOSTICS_TYPE, TOPICS
+from sinstool.io.writers.solution_topics import DIAGNOSTICS_TYPE, TOPICS
 from tests.helpers.paths import ROOT
 
 PATH = ROOT / "sinstool/io/messages/standard.json"

@@ -134,6 +134,7 @@ def test_a_finding_about_a_log_does_not_repeat_its_name(tmp_path):
     log = simulated(tmp_path / "log.mcap", *SCENARIOS["standing with GNSS"][0])
     (finding,) = [f for f in plan_of(log, ProcessConfig()).findings if f.kind == "no-ins-gnss"]
     assert str(log) not in finding.text and "log.mcap" not in finding.text
+    assert "--align" in finding.answer and "--align" not in finding.text
 
 
 def test_a_span_without_fixes_withholds_nothing(tmp_path):

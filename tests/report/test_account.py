@@ -66,7 +66,7 @@ def test_few_outages(outages, said):
 
 def test_attitude_alone_without_an_accuracy_and_without_north():
     extent, known, _ = account(run("attitude", None, north=False))
-    assert extent == "Attitude alone was computed, from the IMU: 60001 attitudes over 10.0 min."
+    assert extent == "Only attitude was computed, from the IMU: 60001 attitudes over 10.0 min."
     assert "does not estimate" in known and "Nothing in the log shows north" in known
 
 

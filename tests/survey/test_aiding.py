@@ -226,7 +226,7 @@ def test_radians_across_the_date_line_are_refused(tmp_path):
 
 
 def test_angles_and_heights_of_no_globe_are_refused(tmp_path):
-    with pytest.raises(DataError, match="which are no degrees"):
+    with pytest.raises(DataError, match="which cannot be degrees"):
         gnss(tmp_path, drive(scale=1e7))
     millimetres = [fix_message(k, TIMES[k], 48.0 + k * 1e-5, 11.0, 120000.0) for k in range(N)]
     with pytest.raises(DataError, match="millimetres"):

@@ -39,7 +39,7 @@ def test_two_clocks_are_named_with_the_option(ahead, imu):
     assert finding.kind == "receiver-clock" and finding.topic == "/fix"
     assert finding.numbers["ahead_s"] == pytest.approx(ahead, abs=0.2)
     assert ("ahead of" if ahead > 0 else "behind") in finding.text
-    assert ("recorded so late" in finding.answer) == (ahead < 0)
+    assert ("recorded that late" in finding.answer) == (ahead < 0)
     shown = float(finding.answer.split("--gnss-clock-offset ")[1].split(",")[0])
     assert shown == pytest.approx(ahead, abs=0.2)
 

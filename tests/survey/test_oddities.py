@@ -182,7 +182,7 @@ def test_deg_s(rows, findings_of):
     rows.gyro *= 180.0 / np.pi
     odd = findings_of(rows)["gyro-unit"]
     assert is_fatal(odd) and "deg/s" in odd.text and "--gyro-unit deg/s" in odd.answer
-    assert "off the size of gravity if its rates are in rad/s" in odd.text
+    assert "differs from gravity by" in odd.text
     assert findings_of(rows, gyro_unit="deg/s") == {}
     answer = findings_of(rows, gyro_unit="rad/s")["gyro-unit"]
     assert not is_fatal(answer) and "read as rad/s as specified" in answer.text
@@ -419,7 +419,7 @@ def test_rates_wrongly_named_deg_s_are_questioned(rows, findings_of):
     """Units that the user names are used, and what the log says against them is reported."""
     odd = findings_of(rows, gyro_unit="deg/s")["gyro-unit"]
     assert not is_fatal(odd) and "read as deg/s as specified, but gravity turns" in odd.text
-    assert "as if they were in rad/s" in odd.text and "leave out --gyro-unit" in odd.answer
+    assert "seem to be in rad/s" in odd.text and "leave out --gyro-unit" in odd.answer
     rows.gyro *= 180.0 / np.pi
     assert findings_of(rows, gyro_unit="deg/s") == {}
 

@@ -17,7 +17,8 @@ from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.mcap import McapLog
 from sinstool.io.readers.mcap_file import ChunkPlace, OtherPlace
-from sinstool.io.writers.mcap import Chunk, McapWriter, message_indexes
+from sinstool.io.writers.mcap import McapWriter
+from sinstool.io.writers.mcap_chunk import Chunk, message_indexes
 
 _START = np.iinfo(np.int64).min
 # Compressions that the format has a name for; chunks of others are written anew.

@@ -149,8 +149,8 @@ def why_no_start(motion: Dynamics, limits: GateLimits, lift_off_ns: int) -> str:
     if not late.any():
         last = (motion.time_ns[-1] - lift_off_ns) * 1e-9
         if last < 0.0:
-            return "lift-off comes only after it"
-        return f"it ends {last:.1f} s after lift-off and the gate waits {limits.t_set1:g} s"
+            return "it ends before lift-off"
+        return f"it ends {last:.1f} s after lift-off, but the gate waits {limits.t_set1:g} s"
     after = motion.time_ns[late]
     every = np.diff(motion.time_ns)
     step = float(median(every)) * 1e-9 if len(every) else 0.0

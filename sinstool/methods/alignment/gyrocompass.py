@@ -127,8 +127,8 @@ def gyrocompass(
     record = cut(imu)
     if record.duration_s < _LEAST_S:
         raise AlignmentError(
-            f"gyrocompassing has {record.duration_s:.1f} s of data without a gap,"
-            f" {_LEAST_S:g} s are the least",
+            f"gyrocompassing needs {_LEAST_S:g} s of data without a gap, and there are"
+            f" {record.duration_s:.1f} s",
             "stand still for a minute or more",
         )
     where = _Place(earth.earth_rate_n(latitude), earth.gravity_n(latitude, height))
@@ -313,10 +313,11 @@ def _answer(
         predicted = np.rad2deg(min(sigma_heading, np.pi))
         alone = np.rad2deg(grade.gyro_bias / max(earth.EARTH_RATE * horizontal, 1e-12))
         warnings.append(
-            f"heading is not observable: predicted sigma {predicted:.1f} deg, of which a gyro bias"
-            f" of {np.rad2deg(grade.gyro_bias) * 3600.0:.3g} deg/h alone makes"
-            f" {min(alone, predicted):.1f} deg at this latitude, over {record.duration_s:.0f} s;"
-            " this needs better gyros, a longer rest or GNSS in motion"
+            f"heading is not observable: predicted sigma {predicted:.1f} deg after"
+            f" {record.duration_s:.0f} s; a gyro bias of"
+            f" {np.rad2deg(grade.gyro_bias) * 3600.0:.3g} deg/h alone makes"
+            f" {min(alone, predicted):.1f} deg at this latitude. This needs better gyros, a longer"
+            " rest or GNSS in motion"
         )
         if tilt <= OK_SIGMA:
             roll, pitch, _ = rotation.to_euler(q_nb)

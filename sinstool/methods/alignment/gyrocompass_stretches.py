@@ -93,24 +93,11 @@ def cut(imu: ImuIncrements) -> Record:
     Record
         With no stretch if there are fewer than three samples.
     """
+    imu, warnings = _longest_part(imu)
     time, dtheta, dvelocity = imu.time_ns, imu.delta_theta, imu.delta_velocity
-    warnings: list[str] = []
-    if len(time):
-        fresh = np.concatenate([[True], np.diff(time) > 0])
-        time, dtheta, dvelocity = time[fresh], dtheta[fresh], dvelocity[fresh]
-        breaks = np.flatnonzero(np.diff(time) > _GAP_S * 1e9) + 1
-        if len(breaks):
-            edges = np.concatenate([[0], breaks, [len(time)]])
-            longest = int(np.argmax(np.diff(edges)))
-            part = slice(int(edges[longest]), int(edges[longest + 1]))
-            time, dtheta, dvelocity = time[part], dtheta[part], dvelocity[part]
-            warnings.append(
-                f"the record has {len(breaks)} gaps of more than {_GAP_S:g} s; its longest part"
-                f" of {(time[-1] - time[0]) * 1e-9:.0f} s is used"
-            )
     if len(time) < 3:
         start = int(time[0]) if len(time) else 0
-        return Record([], start, start, 0.0, 0.0, False, 0.0, 0.0, tuple(warnings))
+        return Record([], start, start, 0.0, 0.0, False, 0.0, 0.0, warnings)
     dt = np.diff(time) * 1e-9
     last, dtheta, dvelocity = dtheta[:-1], dtheta[1:], dvelocity[1:]
     rate, force = dtheta / dt[:, None], dvelocity / dt[:, None]
@@ -177,8 +164,24 @@ def cut(imu: ImuIncrements) -> Record:
         at_rest > 0.0,
         velocity,
         shake,
-        tuple(warnings),
+        warnings,
     )
+
+
+def _longest_part(imu: ImuIncrements) -> tuple[ImuIncrements, tuple[str, ...]]:
+    """The longest part of a record between gaps, without repeated times, and a warning of gaps."""
+    imu = imu.rows(np.diff(imu.time_ns, prepend=imu.time_ns[:1] - 1) > 0)
+    breaks = np.flatnonzero(np.diff(imu.time_ns) > _GAP_S * 1e9) + 1
+    if not len(breaks):
+        return imu, ()
+    edges = np.concatenate([[0], breaks, [len(imu)]])
+    longest = int(np.argmax(np.diff(edges)))
+    imu = imu.rows(slice(int(edges[longest]), int(edges[longest + 1])))
+    text = (
+        f"the record has {len(breaks)} gaps of more than {_GAP_S:g} s; its longest part"
+        f" of {(imu.time_ns[-1] - imu.time_ns[0]) * 1e-9:.0f} s is used"
+    )
+    return imu, (text,)
 
 
 def _unsteady(force: FloatArray, middle: FloatArray) -> FloatArray:

@@ -185,8 +185,8 @@ def align_in_flight(
     clipped = looks_clipped(imu)
     if clipped and settings.gyro_limit is None and settings.accel_limit is None:
         warnings.append(
-            f"{clipped} seems to be clipped: its largest value comes many times in a row; give"
-            " the ranges of the sensors, so that alignment starts after it"
+            f"{clipped} seems to be clipped: its largest value is repeated many times in a row;"
+            " give the ranges of the sensors, so that alignment starts after it"
         )
     lift_off_ns = _lift_off(imu, settings, warnings)
     reasons: list[str] = []
@@ -199,7 +199,9 @@ def align_in_flight(
         if len(reasons) > REASONS:
             more = f"{len(reasons) - REASONS} more stretches of the IMU could not be used either"
             reasons = [*reasons[:REASONS], more]
-        return _failed(settings, imu, [*warnings, *(reasons or ["there is nothing to align with"])])
+        return _failed(
+            settings, imu, [*warnings, *(reasons or ["no stretch of the IMU can be aligned"])]
+        )
     best = min(answers, key=lambda c: c.sigma_worst)
     if len(answers) > 1:
         warnings.append(f"{len(answers)} segments could be aligned; the best is used")
@@ -288,8 +290,8 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         q_nb = np.full(4, np.nan)
     elif status == "degraded":
         warnings.append(
-            "about its least certain axis, the first attitude is known to"
-            f" {np.rad2deg(worst):.1f} deg only (1 sigma)"
+            "about its least certain axis, the first attitude is only known to"
+            f" {np.rad2deg(worst):.1f} deg (1 sigma)"
         )
     series = None if best.course is None else _series(best, best.course)
     return InFlightAlignment(

@@ -148,7 +148,7 @@ def from_still(span: StillSpan, time_ns: int) -> Alignment:
     size = float(np.linalg.norm(span.accel))
     if not size > LEAST_GRAVITY:
         raise AlignmentError(
-            "the specific force of the rest holds no gravity",
+            "the specific force at rest contains no gravity",
             "give the first attitude with --align log or --align fixed",
         )
     noise = span.accel_std / np.sqrt(span.samples)
@@ -158,8 +158,8 @@ def from_still(span: StillSpan, time_ns: int) -> Alignment:
     if sigma > GOOD_TILT:
         status = "degraded"
         warnings = (
-            f"the specific force of the rest is {size:.3g} m/s^2, not {STANDARD_GRAVITY:.2f}: the"
-            " tilt is not to be trusted; check --accel-unit and --gyro-kind",
+            f"the specific force at rest is {size:.3g} m/s^2, not {STANDARD_GRAVITY:.2f}: do not"
+            " trust the tilt; check --accel-unit and --gyro-kind",
         )
     sigma = min(sigma, UNIFORM)
     return Alignment(
@@ -174,7 +174,7 @@ def from_motion(windows: Windows, time_ns: int) -> Alignment:
     accel = count @ windows.accel[first] / count.sum()
     if not np.linalg.norm(accel) > LEAST_GRAVITY:
         raise AlignmentError(
-            f"{NOT_STILL} and its specific force holds no gravity",
+            f"{NOT_STILL} and its specific force contains no gravity",
             "give the first attitude with --align log or --align fixed",
         )
     return Alignment(

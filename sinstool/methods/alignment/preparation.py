@@ -59,7 +59,7 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
     warnings = []
     new = np.diff(imu.time_ns, prepend=imu.time_ns[:1] - 1) > 0
     if not new.all():
-        warnings.append(f"{int((~new).sum())} IMU samples of repeated time dropped")
+        warnings.append(f"{int((~new).sum())} IMU samples that repeat a time dropped")
         imu = imu.rows(new)
     if settings.start_ns is not None or settings.end_ns is not None:
         first = imu.time_ns[0] if settings.start_ns is None else settings.start_ns
@@ -138,7 +138,7 @@ def prepare_fixes(
     warnings = []
     new = np.diff(gnss.time_ns, prepend=gnss.time_ns[:1] - 1) > 0
     if not new.all():
-        warnings.append(f"{int((~new).sum())} fixes of repeated time dropped")
+        warnings.append(f"{int((~new).sum())} fixes that repeat a time dropped")
     placed = np.isfinite(gnss.latitude) & np.isfinite(gnss.longitude) & np.isfinite(gnss.height)
     gnss = gnss.rows(new & placed)
     sigma = np.full(len(gnss), settings.gnss_sigma_v)

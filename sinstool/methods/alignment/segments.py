@@ -224,7 +224,7 @@ def _candidate(
             stop_ns = int(fixes.time_ns[-1])
     solution = solve(segment, settings)
     if solution is None:
-        reasons.append("no pair of vectors: no calm window, or fixes too far apart")
+        reasons.append("no pair of vectors to compare: no calm window, or fixes too far apart")
         return None
     at_end = segment.rows.rows(slice(-1, None))
     sigma = float(worst_sigma(solution_covariance(solution, segment, at_end, settings)))
@@ -233,7 +233,7 @@ def _candidate(
     if rejected > MANY_REJECTED * chosen.sum():
         warnings.append(
             f"{rejected} of {int(chosen.sum())} fixes rejected as outliers: check latency, lever"
-            " arm, units, and the velocity noise given"
+            " arm, units and --gnss-sigma-v"
         )
     longest = preparation.gap_edges(segment.rows.time_s)[1]
     if longest > preparation.SILENT_GAP_S:

@@ -82,6 +82,6 @@ class SpanReader:
         if end_ns is not None and end_ns <= last_ns:
             return ()
         return (
-            f"aligned with {len(self._imu)} samples, {(last_ns - self.first_ns) / SECOND:.0f} s: no"
-            " more are taken, unless --align-end is given",
+            f"aligned with the first {len(self._imu)} samples"
+            f" ({(last_ns - self.first_ns) / SECOND:.0f} s); --align-end uses more",
         )

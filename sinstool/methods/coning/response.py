@@ -189,14 +189,12 @@ def coning_gains(
     frequency: ArrayLike,
     interval: float,
     gyro_kind: GyroKind = "mean-rate",
-    *,
-    points: int = DEFAULT_POINTS,
 ) -> FloatArray:
     """Fraction of the true coning rate that an algorithm reproduces, at many frequencies.
 
     Parameters
     ----------
-    algorithm, interval, gyro_kind, points
+    algorithm, interval, gyro_kind
         See :func:`coning_drifts`.
     frequency : array_like, shape (n,)
         Of the coning, Hz; not a multiple of the update rate, where the sampled motion is a
@@ -210,7 +208,7 @@ def coning_gains(
     at = np.atleast_1d(np.asarray(frequency, dtype=np.float64))
     still = at == 0.0
     safe = np.where(still, 1.0, at)
-    drift = coning_drifts(algorithm, _NARROW, safe, interval, gyro_kind, points=points)
+    drift = coning_drifts(algorithm, _NARROW, safe, interval, gyro_kind)
     return np.where(still, 1.0, 1.0 - drift / (2.0 * pi * safe * 2.0 * sin(0.5 * _NARROW) ** 2))
 
 

@@ -28,6 +28,8 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import part
 from sinstool.methods.height import layout
 from sinstool.methods.height.history import at_stamp, note_interval, remember, shift_history
+from sinstool.methods.height.network import pole_matched_gains
+from sinstool.methods.height.pressure import FROZEN_TIME
 
 GATE_MEMORY = 30.0  # s, of the running RMS of accepted differences
 RECENT = 1.0  # s, of their running mean, which is no part of a jump
@@ -43,7 +45,6 @@ STEP_FADE = 20.0  # s
 # height goes as t^m, m the largest root of (m - 2) ((m + 3g) (m - 1) + 3g^2) + g^3: -0.8 for 6,
 # but for 4 it is positive.
 GROWTH = 6.0
-FROZEN_TIME = 30.0  # s with one and the same value
 FROZEN_SPEED = 1.0  # m/s, mean vertical speed in that time
 FROZEN_UNUSUAL = 5.0  # times as long as it ever kept a value before
 FROZEN_CHANGES = 20.0  # of its value, before that is known
@@ -457,43 +458,3 @@ def _freeze(
     state[layout.S_COUNTS + layout.FROZEN] += 1.0
     shift_history(state, time, dh, dv)
     return layout.RESTORED, dh, dv
-
-
-@part()
-def pole_matched_gains(
-    interval: float, tau: float, k4: float, w2: float
-) -> tuple[float, float, float]:
-    """Gains L1, L2 (1/s), L3 (1/s^2) for a sample, whenever it comes.
-
-    Between samples the channel runs free, with the correction A taken off the acceleration. At a
-    sample, T after the one before, the difference e moves the state at once:
-
-        h -= L1 e,    v -= L2 e,    A += L3 e.
-
-    L is chosen so that, without gravity's gradient, (I - L c) Phi(T) has the poles r, r, r with
-    r = exp(-T/tau), c = (1, K4, 0), for every T: the sampled network is the continuous one seen
-    at the samples. A gain that is held over T, K e, is unstable from T = 0.676 tau on; this one
-    never, also where T changes from sample to sample.
-
-    Parameters
-    ----------
-    interval : float
-        T, time since the accepted sample before, s; positive.
-    tau, k4 : float
-        Of the network, s.
-    w2 : float
-        Gravity's gradient, 1/s^2: its share in L2 cancels what gravity adds over T.
-
-    Returns
-    -------
-    l1, l2, l3 : float
-        L/T tends to the continuous gains K as T tends to 0.
-    """
-    r = math.exp(-interval / tau)
-    q = -math.expm1(-interval / tau)
-    x = k4 / interval * q  # K4/tau for short intervals
-    l1 = q * ((1.0 + r + r * r) - 1.5 * x * (1.0 + r) + x * x)
-    l2 = q * q * (3.0 * (1.0 + r) - 2.0 * x) / (2.0 * interval)
-    l2 += w2 * interval * (1.0 - 0.5 * l1)
-    l3 = q * q * q / (interval * interval)
-    return l1, l2, l3

@@ -185,7 +185,7 @@ class VerticalChannel:
             When barometer samples were measured, in order of arrival. Samples that are newer
             than the last IMU sample are kept for the next block.
         baro_height : array_like, shape (m,), optional
-            m; see :mod:`~sinstool.methods.height.pressure`.
+            m; see :mod:`~sinstool.methods.height.reference`.
         baro_reason : array_like of int, shape (m,), optional
             :func:`~sinstool.methods.height.pressure.pressure_reason`: 0 for samples to be used.
         baro_arrival_ns : array_like of int, shape (m,), optional

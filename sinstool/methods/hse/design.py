@@ -107,12 +107,12 @@ def _validate(design: Design) -> None:
     for rate in rates:
         if abs(rate) * design.duration_s < 2.0 * np.pi * (1.0 - 1e-9):
             raise ConfigurationError(
-                f"{design.duration_s:g} s at {np.degrees(rate):g} deg/s is no whole turn",
+                f"{design.duration_s:g} s at {np.degrees(rate):g} deg/s is less than a whole turn",
                 "make the runs longer",
             )
     if np.ptp(rates) < MIN_RATE_SPAN:
         raise ConfigurationError(
-            "the rates differ by less than 10 deg/s: there is no slope to be had",
+            "the rates differ by less than 10 deg/s: they give no slope",
             "take 20, 40 and 60 deg/s, better in both directions",
         )
 
@@ -218,8 +218,8 @@ def _advice(design: Design, now: Prediction) -> tuple[str, ...]:
         turned = replace(design, C23=(lean, -lean), repeats=max(1, design.repeats // 2))
         other = predict(turned, advise=False)
         advice.append(
-            "with the base turned by 180 deg too a delay of the encoder is found to"
-            f" {(other.sigma_delay or np.nan) * 1e6:.2g} us and no longer taken for lambda2"
+            "with the base also turned by 180 deg, a delay of the encoder is known to"
+            f" {(other.sigma_delay or np.nan) * 1e6:.0f} us and no longer looks like lambda2"
             f" ({_arcsec(other.sigma_lambda2_joint)}, {other.n_runs} runs)"
         )
     advice.append(f"from the rate along the axis: {_arcsec(now.sigma_lambda2_axial)}")

@@ -223,7 +223,8 @@ class Rig:
         """Latitude in rad; ConfigurationError if it is missing."""
         if self.latitude is None:
             raise ConfigurationError(
-                "rig.latitude_deg is missing", "heading cannot be had from Earth rate without it"
+                "rig.latitude_deg is missing",
+                "heading cannot be found from the Earth's rate without it",
             )
         return self.latitude
 

@@ -81,7 +81,7 @@ def _extent(result: HseFit) -> Iterator[Finding]:
         yield _finding(
             "error",
             f"at latitude {np.degrees(result.latitude):.1f} deg the Earth's rate has next to"
-            " no horizontal part: heading cannot be had",
+            " no horizontal part: heading cannot be measured",
             "calibrate below 85 deg, or take lambda2 from the rate along the axis"
             f" ({_lambda2(result.axial.lambda2, result.axial.sigma_lambda2)})",
         )

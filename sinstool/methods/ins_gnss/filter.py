@@ -258,7 +258,7 @@ class InsGnssFilter:
             Epochs that are compared with the navigation but not used.
         baro_time_ns : array_like of int64, shape (b,), optional
         baro_height : array_like, shape (b,), optional
-            m; see :mod:`sinstool.methods.height.pressure`.
+            m; see :mod:`sinstool.methods.height.reference`.
         baro_reason : array_like of int, shape (b,), optional
             0 for samples to be used; see :mod:`sinstool.methods.height.layout`.
 

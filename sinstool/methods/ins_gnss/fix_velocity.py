@@ -265,7 +265,7 @@ def velocity_noise_bound(gnss: GnssEpochs) -> float:
     if len(fixes) < LEAST:
         return np.nan
     t = (fixes.time_ns - fixes.time_ns[0]) / SECOND
-    interval = float(np.median(np.diff(t)))
+    interval = float(median(np.diff(t)))
     longitude = np.unwrap(fixes.longitude)
     north, east = horizontal_metres(
         fixes.latitude - fixes.latitude[0], longitude - longitude[0], fixes.latitude[0]
@@ -280,7 +280,7 @@ def velocity_noise_bound(gnss: GnssEpochs) -> float:
         if np.count_nonzero(whole) * interval < LEAST_LONG * seconds:
             return np.nan
         square = np.square(off[many:] - off[:-many])[whole]
-        spread.append(float(np.median(square)) / MEDIAN_SQUARE)
+        spread.append(float(median(square)) / MEDIAN_SQUARE)
         steps.append(many)
     # By chance a variance of so many independent times may be this much too small
     chance = 1.0 + 2.0 * np.sqrt(2.0 * BOUND_S[1] / (len(off) * interval))

@@ -207,74 +207,9 @@ def run(
             y = nav[Q_W + 2]
             z = nav[Q_W + 3]
             c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(w, x, y, z)
-            mc = m.mean_c
-            mf = m.mean_cf
-            mw = m.mean_cw
-            mc[0, 0] += d * c00
-            mc[0, 1] += d * c01
-            mc[0, 2] += d * c02
-            mc[1, 0] += d * c10
-            mc[1, 1] += d * c11
-            mc[1, 2] += d * c12
-            mc[2, 0] += d * c20
-            mc[2, 1] += d * c21
-            mc[2, 2] += d * c22
-            mf[0, 0] += ux * c00
-            mf[0, 1] += uy * c01
-            mf[0, 2] += uz * c02
-            mf[1, 0] += ux * c10
-            mf[1, 1] += uy * c11
-            mf[1, 2] += uz * c12
-            mf[2, 0] += ux * c20
-            mf[2, 1] += uy * c21
-            mf[2, 2] += uz * c22
-            mw[0, 0] += px * c00
-            mw[0, 1] += py * c01
-            mw[0, 2] += pz * c02
-            mw[1, 0] += px * c10
-            mw[1, 1] += py * c11
-            mw[1, 2] += pz * c12
-            mw[2, 0] += px * c20
-            mw[2, 1] += py * c21
-            mw[2, 2] += pz * c22
-            if has_axes:
-                ma = m.mean_axes
-                ma[0, 0] += c00 * py
-                ma[0, 1] += c00 * pz
-                ma[0, 2] += c01 * px
-                ma[0, 3] += c01 * pz
-                ma[0, 4] += c02 * px
-                ma[0, 5] += c02 * py
-                ma[0, 6] += c00 * uy
-                ma[0, 7] += c00 * uz
-                ma[0, 8] += c01 * ux
-                ma[0, 9] += c01 * uz
-                ma[0, 10] += c02 * ux
-                ma[0, 11] += c02 * uy
-                ma[1, 0] += c10 * py
-                ma[1, 1] += c10 * pz
-                ma[1, 2] += c11 * px
-                ma[1, 3] += c11 * pz
-                ma[1, 4] += c12 * px
-                ma[1, 5] += c12 * py
-                ma[1, 6] += c10 * uy
-                ma[1, 7] += c10 * uz
-                ma[1, 8] += c11 * ux
-                ma[1, 9] += c11 * uz
-                ma[1, 10] += c12 * ux
-                ma[1, 11] += c12 * uy
-                ma[2, 0] += c20 * py
-                ma[2, 1] += c20 * pz
-                ma[2, 2] += c21 * px
-                ma[2, 3] += c21 * pz
-                ma[2, 4] += c22 * px
-                ma[2, 5] += c22 * py
-                ma[2, 6] += c20 * uy
-                ma[2, 7] += c20 * uz
-                ma[2, 8] += c21 * ux
-                ma[2, 9] += c21 * uz
-                ma[2, 10] += c22 * ux
-                ma[2, 11] += c22 * uy
+            _integrate_row(m, 0, has_axes, c00, c01, c02, d, px, py, pz, ux, uy, uz)
+            _integrate_row(m, 1, has_axes, c10, c11, c12, d, px, py, pz, ux, uy, uz)
+            _integrate_row(m, 2, has_axes, c20, c21, c22, d, px, py, pz, ux, uy, uz)
 
             lat0 = nav[LATITUDE]
             lon0 = nav[LONGITUDE]
@@ -425,6 +360,51 @@ def run(
     counts[0] = fix_next
     counts[1] = baro_next
     counts[2] = first_fix
+
+
+@part(inline="always")
+def _integrate_row(
+    m: Memory,
+    i: int,
+    has_axes: bool,
+    c0: float,
+    c1: float,
+    c2: float,
+    d: float,
+    px: float,
+    py: float,
+    pz: float,
+    ux: float,
+    uy: float,
+    uz: float,
+) -> None:
+    """Add a step to row i of the substep's integrals: C_nb alone, times angle, times velocity."""
+    mc = m.mean_c
+    mc[i, 0] += d * c0
+    mc[i, 1] += d * c1
+    mc[i, 2] += d * c2
+    mf = m.mean_cf
+    mf[i, 0] += ux * c0
+    mf[i, 1] += uy * c1
+    mf[i, 2] += uz * c2
+    mw = m.mean_cw
+    mw[i, 0] += px * c0
+    mw[i, 1] += py * c1
+    mw[i, 2] += pz * c2
+    if has_axes:
+        ma = m.mean_axes
+        ma[i, 0] += c0 * py
+        ma[i, 1] += c0 * pz
+        ma[i, 2] += c1 * px
+        ma[i, 3] += c1 * pz
+        ma[i, 4] += c2 * px
+        ma[i, 5] += c2 * py
+        ma[i, 6] += c0 * uy
+        ma[i, 7] += c0 * uz
+        ma[i, 8] += c1 * ux
+        ma[i, 9] += c1 * uz
+        ma[i, 10] += c2 * ux
+        ma[i, 11] += c2 * uy
 
 
 @part()

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.chi_square import MEDIAN_SQUARE
 from sinstool.methods.ins_gnss.constraints import STEP_NS
 from sinstool.methods.land_vehicle.track import LONGEST_NS, Means, Track, between, within
 
@@ -28,8 +29,6 @@ LEAST_APART = 1.2
 # Without standing windows, a rest is what shows so much of the least motion; without moving ones,
 # what shows so much more than the usual rest.
 ALONE_MOVING, ALONE_STANDING = 0.5, 2.0
-# The median of the square of a unit normal.
-MEDIAN_SQUARE = 0.4549
 # What stands still on wheels, rad/s and m/s^2; a boat at anchor or a hand shows more.
 MOST = np.array([0.03, 0.5])
 # A vehicle rocks before it rests, and pulls away so gently that the first of it does not show:

@@ -12,6 +12,8 @@ from sinstool.methods.strapdown.velocity import Increments
 
 # Rows of a track that are further apart leave a gap.
 LONGEST_NS = 2_500_000_000
+# Rows whose own sigma is larger than so many medians lie in outages.
+OUTAGE = 1.5
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,12 @@ class Track:
         """Largest standard deviation of the velocity's components, m/s."""
         variance = np.diagonal(self.covariance, axis1=1, axis2=2)[:, :3]
         return np.asarray(np.sqrt(np.maximum(variance.max(axis=1), 0.0)))
+
+    @property
+    def outside_outages(self) -> BoolArray:
+        """Whether fixes are near a row, as its sigma shows, shape (m,)."""
+        sigma = self.speed_sigma
+        return np.asarray(sigma < OUTAGE * np.median(sigma))
 
     @property
     def velocity_b(self) -> FloatArray:

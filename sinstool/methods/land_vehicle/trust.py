@@ -31,8 +31,6 @@ from sinstool.methods.land_vehicle.track import Means, Track, within
 
 # Rows that move: faster than this, m/s, and than such a share of the fastest.
 SLOW, SHARE_OF_FASTEST = 1.0, 0.3
-# Rows whose own sigma is larger than so many medians lie in outages.
-OUTAGE = 1.5
 LEAST_ROWS, LEAST_S = 60, 30.0
 # Robust least squares: rounds, and sigmas beyond which a row counts for nothing.
 ROUNDS, FAR = 5, 4.0
@@ -139,7 +137,7 @@ def find_trust(
     if len(track.time_ns) < LEAST_ROWS:
         return Trust(mounted, False, "there are too few fixes to tell", anywhere)
     speed, sigma = track.speed, track.speed_sigma
-    seen = sigma < OUTAGE * np.median(sigma)
+    seen = track.outside_outages
     fastest = np.quantile(speed[seen], 0.95) if seen.any() else 0.0
     moving = seen & (speed > max(SLOW, SHARE_OF_FASTEST * fastest)) & (sigma < 0.5 * speed)
     rolling = seen & (speed > SLOW) & (sigma < 0.5 * speed)

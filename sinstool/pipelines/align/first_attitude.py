@@ -180,8 +180,10 @@ def in_flight(
     if result.status in ("failed", "unobservable"):
         reasons = "; ".join(result.warnings) or "no reason is known"
         raise AlignmentError(
-            f"{source.path}: --align {method}: {result.status}: {reasons}",
+            f"{source.path}: motion does not show the attitude (by {method}: {result.status}):"
+            f" {reasons}",
             "choose another span with --align-start and --align-end, or another --align",
+            uncertain=result.status == "unobservable",
         )
     return _from_motion(moving, source, config, time_ns, later_ns)
 
@@ -295,6 +297,7 @@ def at_rest(source: Source, config: ProcessConfig) -> Alignment:
         raise AlignmentError(
             f"{path}: --align gyrocompass: {'; '.join(compassed.warnings)}",
             "record for longer at rest, or use another --align",
+            uncertain=True,
         )
     return _from_compass(compassed, source)
 
@@ -351,8 +354,9 @@ def _with_bias(alignment: Alignment, source: Source, config: ProcessConfig) -> A
         if size > STEADY_TURN:
             note = (
                 f"the mean rate of the first {still.duration_s:.1f} s, {size / DEGREE:.1f} deg/s,"
-                " is removed as the gyro's bias, which is large for one: if the sensor turned at"
-                " this rate, add --gyro-bias none, or choose a beginning at rest with --start"
+                " is removed as the gyro's bias, although it is large for a bias: if the sensor"
+                " turned at this rate, add --gyro-bias none, or choose a beginning at rest with"
+                " --start"
             )
             alignment = replace(alignment, warnings=(*alignment.warnings, note))
         return alignment

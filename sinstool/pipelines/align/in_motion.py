@@ -148,7 +148,7 @@ def align_moving(
         assert start is not None
         skipped = (
             f"the first {(begin - start) / SECOND:.0f} s of motion do not show the attitude:"
-            " aligned by what follows"
+            " aligned with what follows"
         )
         try:
             made = begun(begin, (*notes, skipped))

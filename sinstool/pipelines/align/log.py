@@ -104,7 +104,7 @@ def _with_truth(
     result, answer, aligned = alignment.result, alignment.answer, alignment.q_nb
     findings, error = result.findings, TruthError(name)
     if not time_ns[0] <= result.time_ns <= time_ns[-1]:
-        text = f"{name} holds no attitude at the time of the answer"
+        text = f"{name} holds no attitude at the time of the result"
         findings = (*findings, Finding("truth", text))
     elif np.isfinite(aligned).all():
         true = at_times(time_ns, q_nb, np.array([result.time_ns]))
@@ -122,8 +122,8 @@ def _with_truth(
 
 
 _WITHOUT = {
-    "level-only": "the log shows roll and pitch only",
-    "unobservable": "the log does not show it, nor roll and pitch",
+    "level-only": "the log shows only roll and pitch",
+    "unobservable": "the log shows neither it nor roll and pitch",
     "failed": "the alignment failed",
 }
 
@@ -139,8 +139,8 @@ def _time_at_rest(source: Source, config: ProcessConfig, method: str, time_ns: i
     if not first_ns <= asked_ns <= end_ns:
         known = f"until {seconds_from_start(end_ns, source):.1f} s" if resting else "at 0 s"
         raise ConfigurationError(
-            f"--at {at}: by {method} the attitude is known {known} only",
-            "give a time until then, or align in motion with --method svd",
+            f"--at {at}: {method} gives the attitude {known} only",
+            "give a time in that range, or align in motion with --method svd",
         )
     return asked_ns
 
@@ -153,7 +153,7 @@ def _of_plan(plan: Plan, status: str) -> list[Finding]:
             findings.append(finding)
         elif status not in HEADING_OBSERVED:
             why = finding.text.removeprefix(NO_SOLUTION)
-            findings.append(replace(finding, text=f"motion does not show heading: {why}"))
+            findings.append(replace(finding, text=f"no heading from GNSS: {why}"))
     return findings
 
 
@@ -181,7 +181,7 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
     elif method == "gyrocompass":
         if source.survey.lead_in is None or source.latitude is None:
             raise AlignmentError(
-                f"{source.path}: gyrocompassing needs a log that begins still, and a latitude",
+                f"{source.path}: gyrocompassing needs a log that begins at rest, and a latitude",
                 "choose a beginning at rest with --start, give --latitude, or use --method svd",
             )
         answer = compass(source, config, grade.grade)

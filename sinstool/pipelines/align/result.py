@@ -10,7 +10,7 @@ import numpy as np
 from sinstool.core.finding import Finding
 from sinstool.core.result import Result, compass
 from sinstool.core.rotation import to_euler
-from sinstool.core.units import DEGREE
+from sinstool.core.units import DEGREE, DEGREE_PER_HOUR
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
 from sinstool.methods.alignment.inflight import InFlightAlignment
 from sinstool.methods.alignment.inflight_types import UNIFORM_SIGMA, SensorGrade
@@ -19,7 +19,6 @@ from sinstool.pipelines.log_used import ImuTime, LogFile
 from sinstool.pipelines.plan import Plan
 from sinstool.survey.grade import ImuGrade
 
-DEG_H = DEGREE / 3600.0
 # Statuses whose heading is known.
 HEADING_OBSERVED = ("ok", "degraded")
 
@@ -42,7 +41,7 @@ class AssumedErrors:
     def of(cls, grade: SensorGrade) -> AssumedErrors:
         """Errors of a grade, in the units of data sheets."""
         return cls(
-            gyro_bias_deg_h=grade.gyro_bias / DEG_H,
+            gyro_bias_deg_h=grade.gyro_bias / DEGREE_PER_HOUR,
             accel_bias_m_s2=grade.accel_bias,
             gyro_scale=grade.gyro_scale,
             accel_scale=grade.accel_scale,
@@ -171,8 +170,10 @@ def in_motion_values(
         "time_to_align_s": finite(answer.time_to_align_s),
         "gate": gate,
         "assumed": AssumedErrors.of(errors),
-        "gyro_bias_removed_deg_h": tuple((gyro_bias / DEG_H).tolist()),
-        "gyro_bias_deg_h": None if refined is None else tuple((refined.gyro_bias / DEG_H).tolist()),
+        "gyro_bias_removed_deg_h": tuple((gyro_bias / DEGREE_PER_HOUR).tolist()),
+        "gyro_bias_deg_h": None
+        if refined is None
+        else tuple((refined.gyro_bias / DEGREE_PER_HOUR).tolist()),
         "accel_bias_m_s2": None if refined is None else tuple(refined.accel_bias.tolist()),
         "latency_s": None if refined is None else refined.latency_s,
     }
@@ -185,7 +186,7 @@ def at_rest_values(answer: Gyrocompass) -> dict[str, Any]:
         "sigma_worst_deg": finite(answer.sigma_heading / DEGREE),
         "cov_deg2": covariance(answer),
         "chi2": finite(answer.chi2),
-        "gyro_bias_deg_h": tuple((answer.gyro_bias / DEG_H).tolist()),
+        "gyro_bias_deg_h": tuple((answer.gyro_bias / DEGREE_PER_HOUR).tolist()),
         "accel_bias_m_s2": tuple(answer.accel_bias.tolist()),
     }
 
@@ -194,5 +195,5 @@ def plain_values(alignment: Alignment) -> dict[str, Any]:
     """Values of levelling, or of the log's own orientation, beside the attitude."""
     return {
         "sigma_deg": tuple(None if s is None else s / DEGREE for s in alignment.sigma_rad),
-        "gyro_bias_deg_h": tuple((alignment.gyro_bias / DEG_H).tolist()),
+        "gyro_bias_deg_h": tuple((alignment.gyro_bias / DEGREE_PER_HOUR).tolist()),
     }

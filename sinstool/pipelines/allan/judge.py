@@ -85,7 +85,7 @@ def _units(axes: Sequence[Axis]) -> Iterator[Finding]:
     ]
     if walks and min(walks) > NOISIEST_GYRO:
         shown = min(walks) / DEGREE_PER_ROOT_HOUR
-        text = f"the gyro's noise is {shown:.3g} deg/sqrt(h) at least, more than gyros have"
+        text = f"the gyro's noise is at least {shown:.3g} deg/sqrt(h), more than any gyro has"
         answer = "if its rates are in deg/s, give --gyro-unit deg/s"
         yield Finding("gyro-noise", text, answer=answer, numbers={"arw_deg_sqrt_h": shown})
 
@@ -158,8 +158,8 @@ def _misfits(axes: Sequence[Axis], rest: Rest) -> Iterator[Finding]:
     if which:
         worst = max(a.misfit for a in which)
         text = (
-            f"{_names(which)}: the curve is not made of these terms alone (it scatters by"
-            f" {np.sqrt(worst):.2g} times what they allow); intervals are wider for it"
+            f"{_names(which)}: the curve has more than these terms in it (it scatters by"
+            f" {np.sqrt(worst):.2g} times what they allow); the intervals are widened accordingly"
         )
         answer = "something shook or turned the IMU, or its temperature changed"
         yield Finding("misfit", text, answer=answer, numbers={"misfit": worst})
@@ -183,8 +183,8 @@ def _swaying(rest: Rest) -> Iterator[Finding]:
     if rest.sway_rad_s > 0.0:
         shown = rest.sway_rad_s / DEGREE
         text = (
-            f"the IMU sways at rest, by {shown:.2g} deg/s rms, as gravity turns in it as the gyro"
-            " says: slow terms may be of that motion, not of the sensor"
+            f"the IMU sways at rest, by {shown:.2g} deg/s rms: gravity turns with the gyro's"
+            " readings, so slow terms may come from that motion, not from the sensor"
         )
         answer = "let it lie on firm ground"
         yield Finding("sway", text, answer=answer, numbers={"sway_deg_s": shown})

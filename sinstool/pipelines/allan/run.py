@@ -147,7 +147,7 @@ def _no_rest(source: Source, quiet: QuietStretches) -> DataError:
     if quiet.moving_s > LEAST_S:
         why += f", and where the IMU seems at rest for {quiet.moving_s:.0f} s, GNSS moves"
     if quiet.shaken_s > LEAST_S:
-        why += f", and {quiet.shaken_s:.0f} s in which it is still hold knocks or shaking"
+        why += f", and {quiet.shaken_s:.0f} s of rest are left out for knocks or shaking"
     windows = source.survey.windows
     answer = "record it lying still for some minutes at least, better for hours"
     if len(windows) and float(np.median(windows.accel_std)) < 0.5 * float(

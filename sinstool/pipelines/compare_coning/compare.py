@@ -24,7 +24,7 @@ from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm
 from sinstool.pipelines.compare_coning.alias import Exposure, RateSpectrum, exposure, rate_spectrum
 from sinstool.pipelines.compare_coning.divergence import (
-    DEG_H,
+    IN_DEG_H,
     Parting,
     Row,
     part,
@@ -81,7 +81,7 @@ class Settings:
     reference: str = "auto"
     decimate: tuple[int, ...] = (1, 2, 4)
     window_s: float = 10.0
-    tolerance: float = 0.01 / DEG_H
+    tolerance: float = 0.01 / IN_DEG_H
     options: dict[str, dict[str, Any]] = field(default_factory=dict)
 
 
@@ -242,7 +242,7 @@ def _sparse(made: Attitudes, every: int) -> Attitudes:
 def _resolution(rows: Sequence[Row], reference: str) -> float | None:
     """Resolution of the reference: its drift against algorithms with other errors."""
     drifts = [
-        r.drift_dph.slope_rms / DEG_H
+        r.drift_dph.slope_rms / IN_DEG_H
         for r in rows
         if r.candidate.decimate == 1
         and r.candidate.name in JUDGES
@@ -254,7 +254,7 @@ def _resolution(rows: Sequence[Row], reference: str) -> float | None:
 
 def _resolved(row: Row, resolution: float | None) -> Row:
     above_resolution = row.drift_dph is not None and (
-        resolution is None or resolution < SELF_CHECK * row.drift_dph.slope_rms / DEG_H
+        resolution is None or resolution < SELF_CHECK * row.drift_dph.slope_rms / IN_DEG_H
     )
     return replace(row, resolved=above_resolution)
 
@@ -290,7 +290,7 @@ def _row(
         1.0 / (interval_s * candidate.stride),
         drift,
         np.degrees(np.sum([p.end for p in curves], axis=0) if curves else np.full(3, np.nan)),
-        (longest.slope if longest is not None else np.full(3, np.nan)) * DEG_H,
+        (longest.slope if longest is not None else np.full(3, np.nan)) * IN_DEG_H,
         float(np.degrees(max((p.largest for p in curves), default=float("nan")))),
         cost,
         False,

@@ -12,7 +12,7 @@ from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import product, to_rotation_vector
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate
 
-DEG_H = float(np.degrees(1.0)) * 3600.0
+IN_DEG_H = float(np.degrees(1.0)) * 3600.0  # of a rate in rad/s
 # More instants in common than this are thinned evenly: slopes and extremes gain nothing.
 _MOST = 1 << 19
 
@@ -274,7 +274,7 @@ def statistics(window_rates: FloatArray, window_slopes: FloatArray) -> DriftStat
     window_rates, window_slopes : ndarray, shape (w, 3)
         rad/s.
     """
-    d = window_rates * DEG_H
+    d = window_rates * IN_DEG_H
     n = len(d)
     # With one window nothing is known of the spread.
     spread = d.std(axis=0, ddof=1) if n > 1 else np.full(3, np.nan)
@@ -287,7 +287,7 @@ def statistics(window_rates: FloatArray, window_slopes: FloatArray) -> DriftStat
         np.percentile(size, 95, axis=0),
         size.max(axis=0),
         float(np.sqrt(np.mean(np.sum(d**2, axis=1)))),
-        float(np.sqrt(np.mean(np.sum((window_slopes * DEG_H) ** 2, axis=1)))),
+        float(np.sqrt(np.mean(np.sum((window_slopes * IN_DEG_H) ** 2, axis=1)))),
     )
 
 

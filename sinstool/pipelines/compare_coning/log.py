@@ -31,7 +31,7 @@ from sinstool.pipelines.compare_coning.compare import (
     Settings,
     compare,
 )
-from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H
 from sinstool.pipelines.compare_coning.runs import Attitudes, Segment
 from sinstool.survey.source import Source, nominal_interval, prepare, rate_blocks
 
@@ -135,7 +135,7 @@ def compare_log(
         options.reference,
         options.decimate,
         options.window,
-        options.tolerance / DEG_H,
+        options.tolerance / IN_DEG_H,
         _algorithm_options(bands, tuning, interval),
     )
     try:

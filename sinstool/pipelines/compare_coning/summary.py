@@ -14,7 +14,7 @@ from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.response import ConingSpectrum, predicted_drift, pseudo_coning
 from sinstool.pipelines.compare_coning.alias import Alias
-from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H, DriftStatistics, Row
 from sinstool.pipelines.compare_coning.log import SP, Checks, LogComparison
 from sinstool.pipelines.compare_coning.runs import Candidate
 from sinstool.pipelines.compare_coning.verdict import Verdict
@@ -59,12 +59,12 @@ def predict(
     kind = KINDS.get(candidate.input)
     interval = spectrum.interval * candidate.decimate
 
-    drift = DEG_H * predicted_drift(
+    drift = IN_DEG_H * predicted_drift(
         spectrum, candidate.algorithm, passband=passband, interval=interval, gyro_kind=kind
     )
     pseudo = None
     if stopband is not None:
-        pseudo = DEG_H * pseudo_coning(
+        pseudo = IN_DEG_H * pseudo_coning(
             spectrum, candidate.algorithm, stopband, interval=interval, gyro_kind=kind
         )
     return Prediction(drift, pseudo, _exception(candidate))
@@ -262,7 +262,7 @@ def summarise(log: LogComparison) -> ComparisonResult:
             window_s=c.settings.window_s,
             passband_hz=log.passband,
             stopband_hz=log.stopband,
-            tolerance_dph=c.settings.tolerance * DEG_H,
+            tolerance_dph=c.settings.tolerance * IN_DEG_H,
             widest_pair=max(comparable, key=lambda p: p.largest_deg, default=None),
         ),
         log.checks,
@@ -271,7 +271,7 @@ def summarise(log: LogComparison) -> ComparisonResult:
             is_truth=bool(log.truth),
             resolution_dph=None
             if c.reference_resolution is None
-            else c.reference_resolution * DEG_H,
+            else c.reference_resolution * IN_DEG_H,
             pred_dph=None if own is None else own.pred_dph,
             below_resolution=tuple(
                 r.candidate.label for r in c.rows if r.drift_dph is not None and not r.resolved
@@ -282,7 +282,7 @@ def summarise(log: LogComparison) -> ComparisonResult:
         None
         if log.spectrum is None
         else SpectrumResult(
-            log.spectrum.coning_rate() * DEG_H, 0.5 / log.spectrum.interval, log.spectrum.step
+            log.spectrum.coning_rate() * IN_DEG_H, 0.5 / log.spectrum.interval, log.spectrum.step
         ),
         tuple(Alias(**fields_in(exposure, Alias)) for exposure in c.exposures),
         _sp(log),
@@ -331,8 +331,8 @@ def _sp(log: LogComparison) -> SpResult | None:
         SpTuningResult(
             **fields_in(tuning, SpTuningResult),
             epsilon_s=tuning.epsilon,
-            drift_best_dph=tuning.drift_best * DEG_H,
-            drift_tuned_dph=tuning.drift_tuned * DEG_H,
+            drift_best_dph=tuning.drift_best * IN_DEG_H,
+            drift_tuned_dph=tuning.drift_tuned * IN_DEG_H,
         ),
         SpBoundsResult(
             **fields_in(limits, SpBoundsResult),

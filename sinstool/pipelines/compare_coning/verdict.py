@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from sinstool.config.coning import DEFAULT_CONING
-from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H, DriftStatistics, Row
 
 # The uncertainty of the reference is itself known to a factor of two at best.
 MARGIN = 2.0
@@ -69,12 +69,12 @@ def verdict(
     if not native:
         return Verdict(None, "The log is too short to choose by", False)
     if reference == "truth":
-        judged = _against_truth(native, tolerance * DEG_H)
+        judged = _against_truth(native, tolerance * IN_DEG_H)
     elif resolution is None:
         text = "The log is too short to judge the reference, so to choose by"
         return Verdict(None, text, False)
     else:
-        judged = _against_reference(native, reference, resolution * DEG_H, tolerance * DEG_H)
+        judged = _against_reference(native, reference, resolution * IN_DEG_H, tolerance * IN_DEG_H)
     if native[0][1].windows > 1:
         return judged
     return replace(judged, text=f"{judged.text} (one window only, so the spread is unknown)")

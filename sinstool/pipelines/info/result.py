@@ -120,7 +120,7 @@ class Verdict:
             return f"process would refuse this log: {self.why}"
         note = f" ({self.why})" if self.why else ""
         mode, first = self.plan.mode, self.plan.first_attitude
-        what = "INS/GNSS" if mode.value == "ins-gnss" else f"{mode.value} alone"
+        what = "INS/GNSS" if mode.value == "ins-gnss" else f"{mode.value} only"
         text = f"process would use {self.imu_topic}{note}; {what}; first attitude {first}"
         if self.plan.magnetometer.value != "none":
             topic = self.plan.magnetometer.value

@@ -22,12 +22,12 @@ from sinstool.survey.source import Source
 # More of the time that is disturbed is worth knowing.
 DISTURBED = 0.1
 REFUSALS = {
-    "short": "it measures for less than ten seconds",
+    "short": "it has less than ten seconds of data",
     "size": "its field of {size:.3g} uT is not the Earth's (20 to 70 uT)",
-    "disturbed": "size and dip of its field are the same in only {trusted:.0f} % of the time: it is"
-    " disturbed, or has other axes than the Imu",
+    "disturbed": "strength and dip of its field agree in only {trusted:.0f} % of the time: it is"
+    " disturbed, or its axes are not the Imu's",
     "scatter": "its headings scatter by {scatter:.0f} deg about those of the gyros: it may be"
-    " disturbed, or have other axes than the Imu",
+    " disturbed, or its axes are not the Imu's",
     "steep": "its field dips by {dip:.0f} deg: too little of it is horizontal to show north",
 }
 
@@ -134,8 +134,8 @@ class MagneticHeading:
             size = float(np.linalg.norm(iron.offset))
             yield Finding(
                 "hard-iron",
-                f"topic {topic}: a field of {1e6 * size:.1f} uT turns with the body (hard iron);"
-                f" taken off, to {1e6 * iron.sigma:.1g} uT",
+                f"topic {topic}: a field of {1e6 * size:.1f} uT turns with the body (hard iron); it"
+                f" is subtracted, which leaves {1e6 * iron.sigma:.1g} uT (1 sigma)",
                 severity=Severity.NOTE,
                 topic=topic,
                 answer="calibrate the magnetometer",
@@ -145,7 +145,7 @@ class MagneticHeading:
             yield Finding(
                 "heading-unverified",
                 f"topic {topic}: the body turned too little to show whether iron in it adds to the"
-                " field, so heading against north is not verified",
+                " field, so the reference to north is not verified",
                 topic=topic,
                 answer="turn the body through all directions in a log, or calibrate it",
                 numbers={"sigma_T": iron.sigma},
@@ -153,10 +153,10 @@ class MagneticHeading:
         if not compass.of_place and self._expected is not None:
             yield Finding(
                 "unlike-the-place",
-                f"topic {topic}: a field of {1e6 * compass.size:.1f} uT that dips by"
-                f" {compass.dip / DEGREE:.1f} deg is not that of the place,"
+                f"topic {topic}: the field is {1e6 * compass.size:.1f} uT and dips by"
+                f" {compass.dip / DEGREE:.1f} deg, but at this place it should be"
                 f" {1e6 * self._expected.size:.1f} uT and {self._expected.dip / DEGREE:.1f} deg:"
-                " there is iron nearby, or the tilt is wrong; heading against north is not"
+                " there is iron nearby, or the tilt is wrong; the reference to north is not"
                 " verified",
                 topic=topic,
                 answer="check latitude and longitude, and calibrate the sensors",
@@ -166,8 +166,8 @@ class MagneticHeading:
         if disturbed > DISTURBED:
             yield Finding(
                 "disturbed-field",
-                f"topic {topic}: in {100.0 * disturbed:.0f} % of the time the field is not the"
-                " Earth's; the gyros carry heading then",
+                f"topic {topic}: during {100.0 * disturbed:.0f} % of the time the field is not the"
+                " Earth's, and the gyros alone carry heading",
                 topic=topic,
                 numbers={"share": disturbed},
             )

@@ -74,10 +74,10 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
             what = "attitude"
             times, rows = read_truth(log_, name, body_axes)
         if what in references:
-            raise TopicError(log_.path, f"--truth {name}: another one gives {what} already")
+            raise TopicError(log_.path, f"--truth {name}: another --truth gives the {what} already")
         good = np.isfinite(rows).all(axis=1)
         if np.count_nonzero(good) < 2:
-            raise TopicError(log_.path, f"--truth {name} holds fewer than two instants")
+            raise TopicError(log_.path, f"--truth {name} holds fewer than two values")
         references[what] = (times[good], rows[good])
     return Truth(**references, names=names)
 

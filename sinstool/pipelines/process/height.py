@@ -20,17 +20,16 @@ from sinstool.methods.height.network import (
     paper,
     recommended,
 )
-from sinstool.methods.height.pressure import (
-    STANDARD_PRESSURE,
+from sinstool.methods.height.pressure import frozen_spans, pressure_reason
+from sinstool.methods.height.reference import (
     BaroReference,
     HeightReference,
     ScaleFit,
-    frozen_spans,
-    pressure_reason,
     reference_from_gnss,
     reference_from_setting,
     reference_from_start,
 )
+from sinstool.methods.height.standard_atmosphere import STANDARD_PRESSURE
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.process.summary import (
     BarometerSetting,
@@ -54,7 +53,7 @@ JUMP_RATIO = 10.0
 # Why samples of a height reference are left out.
 WORDS = {
     "not_finite": "not finite",
-    "out_of_range": "that are no air pressure",
+    "out_of_range": "outside the range of air pressure",
     "stamp": "whose stamp repeats or goes back",
     "gate": "too far off",
     "frozen": "of a sensor that hangs",
@@ -183,13 +182,13 @@ def _baro_reference(
             if fit is not None and fit.applied and _shows(fit):
                 warnings.append(
                     f"over {fit.height_range:.0f} m of GNSS heights the barometer's scale is"
-                    f" {reference.scale:.4f} (a warm or cold day); applied"
+                    f" {reference.scale:.4f} (a warm or cold day), which is applied"
                 )
             return reference, warnings
     if options.baro_ref == "gnss":
         raise DataError(
             source.path,
-            "--baro-ref gnss: the log has no GNSS heights while there are pressures",
+            "--baro-ref gnss: the log has no GNSS heights at the times of the pressures",
             "use --baro-ref init or --qnh",
         )
     early = baro.time_ns - baro.time_ns[0] <= int(START_S * 1e9)
@@ -386,16 +385,16 @@ def height_warnings(
     }
     if rejected:
         parts = ", ".join(f"{count} {WORDS.get(name, name)}" for name, count in rejected.items())
-        notes.append(f"height reference: of its samples were left out: {parts}")
+        notes.append(f"height reference: samples were left out: {parts}")
     texts = {
-        "jump": "height reference jumped by {size:+.1f} m at {time:.1f} s; absorbed",
-        "returned": "height reference came back by {size:+.1f} m at {time:.1f} s, and the height"
+        "jump": "height reference jumped by {size:+.1f} m at {time:.1f} s; the jump is taken off",
+        "returned": "height reference jumped back by {size:+.1f} m at {time:.1f} s, and the height"
         " with it",
         "coast": "no good height reference from {time:.1f} s on; coasting",
         "re-engaged": "height reference is good again at {time:.1f} s, after {duration:.1f} s; the"
-        " height had run off by {size:+.1f} m",
+        " height had drifted by {size:+.1f} m",
         "frozen": "height reference did not change for {duration:.0f} s while the vehicle moved, at"
-        " {time:.1f} s; not used",
+        " {time:.1f} s; those samples are not used",
         "invalid": "height is not valid from {time:.1f} s on: coasting for too long",
         "imu-gap": "the IMU has a gap of {size:.2f} s at {time:.1f} s; height is carried over it",
     }
@@ -410,5 +409,5 @@ def height_warnings(
         if kind in texts and count > 3:
             notes.append(f"... and {count - 3} more events of this kind ({kind})")
     if not channel.samples.get("accepted"):
-        notes.append("not one sample of the height reference could be used: height is undamped")
+        notes.append("no sample of the height reference could be used: height is undamped")
     return notes

@@ -162,8 +162,8 @@ def start(
         )
     if not alignment.north_referenced:
         notes.append(
-            "heading at the start is not referenced to north, so the track is turned by whatever"
-            " heading the vehicle had; use --align log, fixed or one that finds north"
+            "heading at the start is not referenced to north, so the whole track is rotated by the"
+            " unknown heading; use --align log, fixed or a method that finds north"
         )
     latitude, longitude = latitude * DEGREE, longitude * DEGREE
     if config.align.latitude is None:  # that of the antenna
@@ -242,8 +242,8 @@ def drift_warning(seconds: float, off: GnssDifference | None, first_ns: int) -> 
     if off is not None:
         at = (off.time_ns - first_ns) / SECOND
         distance = _three(float(np.hypot(off.north_m, off.east_m)))
-        text += f"; at the last fix, after {at:.0f} s, position is {distance} m off"
-        text += ": --mode ins-gnss uses the fixes"
+        text += f"; at the last fix, after {at:.0f} s, position is {distance} m off;"
+        text += " --mode ins-gnss uses the fixes"
     return text
 
 
@@ -289,7 +289,7 @@ def _run_warnings(run: InsRun) -> list[str]:
         notes.append(run.settings.algorithm.caveat)
     if run.gaps_s:
         notes.append(
-            f"{run.gaps_s:.3g} s without Imu data: short gaps are bridged with the values on"
+            f"{run.gaps_s:.3g} s are without Imu data: short gaps are bridged with the values on"
             " either side, longer ones at constant velocity"
         )
     if run.diverged_ns is not None:

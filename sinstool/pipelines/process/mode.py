@@ -10,7 +10,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Diagnostics, Solution
-from sinstool.io.writers.solution import Frames
+from sinstool.io.writers.solution_topics import Frames
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.summary import ModeResult, Sink
 from sinstool.survey.oddities import oddities
@@ -120,6 +120,7 @@ def require_gravity(source: Source, config: ProcessConfig) -> None:
         raise DataError(
             source.path,
             f"topic {survey.topic}: the specific force is mostly"
-            f" {survey.specific_force_median:.3g} m/s^2 in size or more, as in mg or cm/s^2",
+            f" {survey.specific_force_median:.3g} m/s^2 in size or more: its unit may be mg or"
+            " cm/s^2",
             "sensor_msgs/Imu holds m/s^2: convert it, or choose another topic with --imu-topic",
         )

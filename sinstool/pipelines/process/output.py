@@ -18,7 +18,8 @@ from sinstool.core.whole_file import WholeFile, check_mcap_name, check_output
 from sinstool.io.readers.log import Log
 from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
-from sinstool.io.writers.solution import Frames, SolutionWriter, topic_of
+from sinstool.io.writers.solution import SolutionWriter
+from sinstool.io.writers.solution_topics import Frames, topic_of
 from sinstool.pipelines.process.summary import InputFile, OutputFile, Place, Sink
 from sinstool.pipelines.process.travel import Odometer
 from sinstool.pipelines.provenance import RECORD, figures_of, identity, sha256

@@ -343,7 +343,7 @@ class Smoothing:
             yield Finding(
                 "long-turns",
                 f"{self._turning:.0%} of the log are turns of half a minute and more, and"
-                " no rest shows the gyro bias: such a turn looks like a bias, so roll and pitch may"
+                " no rest shows the gyro bias: such turns look like a bias, so roll and pitch may"
                 " be off by several of their sigmas",
                 answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
                 numbers={"share": self._turning},
@@ -353,10 +353,10 @@ class Smoothing:
         if steady is not None and rate > STEADY_RATE and steady.duration_s > STEADY * self._moved:
             yield Finding(
                 "steady-rate",
-                f"the Imu shows a steady {rate / DEGREE:.2g} deg/s nearly all the time: that may be"
-                " the gyro bias at rest, or a steady turn, in which roll and pitch are wrong by as"
-                " much as the vehicle leans or its turn pushes it sideways",
-                answer="give --gyro-bias X,Y,Z, or a log with some motion beside it",
+                f"the Imu shows a steady {rate / DEGREE:.2g} deg/s nearly all the time: either the"
+                " gyro bias at rest, which is assumed, or a steady turn, and then roll and pitch"
+                " are wrong by the angle between the specific force and the vertical",
+                answer="give --gyro-bias X,Y,Z, or record other motion too",
                 numbers={"rate_deg_s": rate / DEGREE},
             )
         share = s.gyro_at_stop_s / max(self._moved, 1e-9)
@@ -365,8 +365,8 @@ class Smoothing:
             yield Finding(
                 "gyro-at-stop",
                 f"a gyro is saturated for {s.gyro_at_stop_s:.3g} s,"
-                f" {100.0 * share:.2g} % of the time: the rotation beyond its"
-                " range is lost" + (", and the attitude is not to be trusted" if lost else ""),
+                f" {100.0 * share:.2g} % of the time; the rotation beyond its"
+                " range is lost" + (": do not trust the attitude" if lost else ""),
                 severity=Severity.LOST if lost else Severity.WARNING,
                 answer="use a gyro of a larger range",
                 numbers={"gyro_at_stop_s": s.gyro_at_stop_s, "share": share},
@@ -375,8 +375,8 @@ class Smoothing:
             other = "vehicle" if s.motion == "hand" else "hand"
             yield Finding(
                 "unsure-motion",
-                f"the motion was taken for that of a {s.motion}, but a {other} might move like this"
-                " too: with the wrong choice roll and pitch can be degrees off",
+                f"the motion was taken for that of a {s.motion}, but might be that of a {other}:"
+                " with the wrong choice roll and pitch can be degrees off",
                 answer=f"choose with --motion {s.motion} or {other}",
                 numbers={"margin_nat": s.motion_margin_nat or 0.0},
             )
@@ -387,8 +387,12 @@ class Smoothing:
             yield Finding(
                 "motion-denied",
                 "the motion was taken for that of a hand, as --motion says, but a vehicle explains"
-                f" it better by {margin:.2g} nat a moving epoch (0.4 decides): roll and pitch "
-                + ("are not to be trusted" if lost else "may be off by several of their sigmas"),
+                f" it better, by {margin:.2g} nat per moving epoch (0.4 is decisive): "
+                + (
+                    "do not trust roll and pitch"
+                    if lost
+                    else "roll and pitch may be off by several of their sigmas"
+                ),
                 severity=Severity.LOST if lost else Severity.WARNING,
                 answer="leave --motion out",
                 numbers={"margin_nat": margin},

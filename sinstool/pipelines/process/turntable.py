@@ -23,7 +23,7 @@ from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.readers.topics import choose_imu
-from sinstool.io.writers.solution import Frames
+from sinstool.io.writers.solution_topics import Frames
 from sinstool.methods.hse.calibration import (
     CorrectedHeading,
     HseCalibration,
@@ -81,7 +81,7 @@ def process_turntable(
     if config.navigation.mode not in ("auto", "attitude"):
         raise ConfigurationError(
             f"--mode {config.navigation.mode} does not go with --hse",
-            "a system that turns on its table gets attitude alone; leave out one of them",
+            "a system that turns on its table gets only its attitude; leave out one of them",
         )
     rig = rig_of(config)
     calibration, warnings = load_calibration(Path(config.hse.hse or ""), rig, config.hse.force)

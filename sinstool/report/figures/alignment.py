@@ -15,7 +15,8 @@ from sinstool.report.figure import Figure, FloatArray, Series
 from sinstool.report.figures.parts import AXES, LOG_TIME, positive
 
 _DYNAMICS = {
-    "force": "Norm of each half second's mean. Heading shows where its horizontal part changes.",
+    "force": "Norm of each half second's mean. Heading is observable where the horizontal part"
+    " changes.",
     "rate": "Norm of each half second's mean: where the vehicle turned.",
 }
 # What is less than nothing on a logarithmic axis.
@@ -135,7 +136,8 @@ def errors(alignment: LogAlignment) -> Figure:
         notes=(
             "Final answer: carried from the end of the segment to each fix. So far: the solver's"
             " answer from the fixes up to each time, where it is known to 1 deg.",
-            "A reference of another body than the Imu's shows their mounting here.",
+            "If the reference belongs to another body than the Imu's, this shows the mounting"
+            " between them.",
         ),
     )
 
@@ -153,7 +155,7 @@ def singular_values(alignment: LogAlignment, series: AlignmentSeries) -> Figure:
         "singular value, (m/s)²",
         log_y=True,
         notes=(
-            "Vectors of one direction only leave s2 and s3 small, and the rotation about it"
+            "If all vectors have one direction, s2 and s3 stay small and the rotation about it is"
             " unknown. Units are those of the vectors squared.",
         ),
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from sinstool.methods.coning.response import coning_gains
 from sinstool.pipelines.compare_coning.compare import SELF_CHECK
-from sinstool.pipelines.compare_coning.divergence import DEG_H, Row
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H, Row
 from sinstool.pipelines.compare_coning.log import LogComparison
 from sinstool.report.figure import Figure, Series
 from sinstool.report.figures.parts import positive
@@ -62,9 +62,9 @@ def _parting(rows: list[Row], log: LogComparison) -> Figure:
     notes = [
         "The longest stretch without gaps. "
         + (
-            "The truth has no sensor errors, so that these are in every curve."
+            "The truth has no sensor errors, so every curve contains them."
             if log.truth
-            else "Sensor errors cancel, as all see the same."
+            else "Sensor errors cancel, as all algorithms get the same samples."
         )
     ]
     if hidden:
@@ -122,7 +122,7 @@ def _bars(rows: list[Row], truth: bool) -> Figure:
 def _coning(log: LogComparison) -> Figure:
     s = log.spectrum
     assert s is not None
-    cumulative = s.cumulative() * DEG_H
+    cumulative = s.cumulative() * IN_DEG_H
     return Figure(
         "coning",
         "Coning in the log up to each frequency",

@@ -71,7 +71,7 @@ def _squares(gnss: GnssDiagnostics, first: int, marks: tuple[tuple[str, float], 
     for name, mask in (
         ("used", gnss.used),
         ("rejected", gnss.gated),
-        ("began anew", gnss.restarted),
+        ("restarted", gnss.restarted),
         ("withheld", gnss.withheld),
     ):
         rows = _thinned(np.flatnonzero(mask & np.isfinite(value)))

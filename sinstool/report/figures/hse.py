@@ -79,7 +79,10 @@ def heading_against_rate(result: HseFit) -> Figure:
         tuple(series),
         "Rate of the table, deg/s",
         "Heading, arcsec",
-        notes=("Headings are shown less that which the fit has at each position for no error.",),
+        notes=(
+            "Headings are shown relative to that which the fit gives each position without the"
+            " error.",
+        ),
     )
 
 
@@ -255,7 +258,7 @@ def residuals_by_run(result: HseFit) -> Figure | None:
         "Residual, standard deviations",
         levels=(("2 sigma", _OUTSTANDING), ("-2 sigma", -_OUTSTANDING)),
         notes=(
-            "Each residual over the deviation that the other runs give it. One of twenty sound"
+            "Each residual divided by its standard deviation, by the other runs. One in twenty good"
             " runs is beyond 2.",
         ),
     )

@@ -114,7 +114,7 @@ def _delays(good: list[Sampling], imus: dict[str, InspectedImu], origin: int) ->
         LOG_TIME,
         "delay, ms",
         notes=(
-            f"Log time less stamp, above the least of it ({'; '.join(notes)}). Steps and peaks are"
+            f"Log time minus stamp, above its minimum ({'; '.join(notes)}). Steps and peaks are"
             " the recorder's load; a slope is two clocks that run apart.",
         ),
     )

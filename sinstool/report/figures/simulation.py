@@ -11,7 +11,7 @@ from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import to_euler, wrapped
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.methods.height.pressure import geometric, pressure_altitude
+from sinstool.methods.height.standard_atmosphere import geometric, pressure_altitude
 from sinstool.report.figure import Figure, Series, heading_curve
 from sinstool.report.figures.parts import AXES, BODY, track
 from sinstool.simulation.hse_rig import HseRigLog
@@ -44,7 +44,7 @@ def motion_figures(
     attitude = attitude_figures(seconds, truth.q_nb)
     rate = _three(
         "rate", "Angular rate", seconds, truth.gyro_rate / DEGREE, BODY, "rate, deg/s",
-        "True, against inertial space: the Earth's rate is in it where the Earth turns.",
+        "True, relative to inertial space: it includes the Earth's rate if the scenario has it.",
     )  # fmt: skip
     force = _three(
         "force", "Specific force", seconds, truth.specific_force, BODY, "specific force, m/s²",
@@ -135,7 +135,7 @@ def _errors(seconds: FloatArray, truth: ImuTruth, sensor: ImuTruth) -> list[Figu
                        "Measured less true, of each sample: bias, noise and scale errors.")
             )  # fmt: skip
             if key == "gyro-error":
-                text = "The errors added up: noise averages out, a bias is a slope."
+                text = "The errors integrated: noise averages out, a bias is a slope."
                 figures.append(
                     _three("gyro-sum", "Angle that the gyro errors add up to", seconds,
                            whole / DEGREE, BODY, "angle, deg", text)
@@ -188,7 +188,7 @@ def baro_figures(time_ns: IntArray, pressure: FloatArray, trajectory: Trajectory
     seconds = _seconds(trajectory.time_ns, trajectory.time_ns)
     at = _seconds(time_ns, trajectory.time_ns)
     off = geometric(pressure_altitude(pressure)) - np.interp(at, seconds, trajectory.height)
-    note = "Height that its pressure has in the standard atmosphere, less the true height."
+    note = "Height of the pressure in the standard atmosphere minus the true height."
     series = (Series("error", off),)
     return [
         Figure("baro-error", "Error of the barometer", at, series, TIME, "error, m", notes=(note,))

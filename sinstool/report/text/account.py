@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from sinstool.pipelines.process.travel import Accuracy, Travel
 
 WHAT = {
-    "attitude": "Attitude alone was computed, from the IMU",
+    "attitude": "Only attitude was computed, from the IMU",
     "turntable": "Attitude on the turntable was computed, and its heading corrected",
     "ins": "Attitude, velocity and position were computed from the IMU alone",
     "ins-gnss": "Attitude, velocity and position were computed from the IMU and GNSS",
@@ -89,8 +89,8 @@ def _accuracy(result: ProcessResult) -> str:
         if result.hse is not None:
             return ""
         return (
-            "The gyros alone carry attitude from the first one on, and this run does not estimate"
-            f" how accurate it stays.{heading}"
+            "From the first attitude on, the gyros alone carry it; this run does not estimate how"
+            f" accurate it stays.{heading}"
         )
     drifted = result.smoothing is not None and result.smoothing.heading_lost
     lost = " Heading is not known at the end." if drifted else ""

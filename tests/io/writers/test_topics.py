@@ -7,7 +7,8 @@ from scipy.spatial.transform import Rotation
 from sinstool.core import earth
 from sinstool.core.streams import Diagnostics, Solution
 from sinstool.io.writers.mcap import McapWriter
-from sinstool.io.writers.solution import Frames, SolutionWriter, topic_of
+from sinstool.io.writers.solution import SolutionWriter
+from sinstool.io.writers.solution_topics import Frames, topic_of
 from tests.helpers.imulogs import ENU_NED, FLU_FRD, T0, read_topic
 
 N = 50

@@ -7,8 +7,9 @@ import numpy as np
 from sinstool.core import rotation
 from sinstool.methods.alignment.inflight_types import GnssFixes, ImuIncrements
 from sinstool.methods.sensor_errors import SensorGrade as Errors
-from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples, moments, true_moments
+from sinstool.simulation.gnss import MODELS, Receiver, gnss_samples, true_moments
 from sinstool.simulation.launch import launch
+from sinstool.simulation.moments import moments
 from sinstool.simulation.sensors import with_errors
 
 PERFECT = MODELS["perfect"]

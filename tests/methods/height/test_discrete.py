@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sinstool.methods.height.channel import pole_matched_gains
-from sinstool.methods.height.network import HeightNetwork
+from sinstool.methods.height.network import HeightNetwork, pole_matched_gains
 from tests.helpers.height_network import NetworkTheory
 
 W2 = 3.0858e-6

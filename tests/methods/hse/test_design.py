@@ -109,7 +109,7 @@ def test_order_goes_up_and_down():
         ({"C23": ()}, "no position"),
         ({"angle_random_walk": 0.0}, "random walk"),
         ({"latitude": 1.5}, "85 deg"),
-        ({"duration_s": 5.0}, "no whole turn"),
+        ({"duration_s": 5.0}, "less than a whole turn"),
     ],
 )
 def test_impossible_designs_are_refused(change, words):

@@ -12,7 +12,8 @@ from sinstool.methods.ins_gnss.start import start_at
 from sinstool.methods.ins_gnss.states import GNSS_POSITION, GNSS_VELOCITY, filter_kind
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
-from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples, moments
+from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
+from sinstool.simulation.moments import moments
 from tests.helpers.gnss import epochs
 from tests.methods.ins_gnss.flown import for_grade
 

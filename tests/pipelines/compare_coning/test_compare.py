@@ -5,7 +5,7 @@ import pytest
 
 from sinstool.methods.coning.registry import algorithm
 from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS, Settings, compare
-from sinstool.pipelines.compare_coning.divergence import DEG_H, DriftStatistics, Row
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H, DriftStatistics, Row
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
 from sinstool.pipelines.compare_coning.verdict import MARGIN, SAME_COST, verdict
 from sinstool.simulation.motions import random_manoeuvre, sample
@@ -34,7 +34,7 @@ def truth(segment):
 
 def closed(name, kind="mean-rate", m=1):
     """Drift about z in deg/h: towards the mean of the gyro's z axis, which is negative."""
-    return -coning_drift(algorithm(name), HALF, FREQUENCY, m * STEP, kind) * DEG_H
+    return -coning_drift(algorithm(name), HALF, FREQUENCY, m * STEP, kind) * IN_DEG_H
 
 
 def manoeuvre(seconds=30.0, seed=0, rate=2.0):
@@ -53,7 +53,7 @@ def test_drift_from_the_truth_is_that_of_the_closed_form(kind):
     assert actual.reference_resolution is None
     assert [r.candidate.name for r in actual.rows] == list(INCREMENTS)
     for row in actual.rows:
-        drift = np.median(row.curves[0].window_slope[1:-1, 2]) * DEG_H
+        drift = np.median(row.curves[0].window_slope[1:-1, 2]) * IN_DEG_H
         expected = closed(row.candidate.name, kind)
         assert drift == pytest.approx(expected, rel=2e-3, abs=2e-5), row.candidate.name
         assert row.drift_dph.windows == 6
@@ -67,7 +67,7 @@ def test_sums_drift_as_a_slower_log_would():
     )
     assert len(actual.rows) == 9
     for row in actual.rows:
-        drift = row.curves[0].window_slope[1:-1, 2] * DEG_H
+        drift = row.curves[0].window_slope[1:-1, 2] * IN_DEG_H
         expected = closed(row.candidate.name, "mean-rate", row.candidate.decimate)
         np.testing.assert_allclose(drift, expected, rtol=5e-3)
         assert row.update_hz == pytest.approx(100.0 / row.candidate.stride)
@@ -84,14 +84,14 @@ def test_divergence_from_an_algorithm_is_the_difference_of_both(reference):
         # in axes of the body at the start, which is a degree off the cone's axis
         slopes = row.curves[0].window_slope[1:-1] @ [0.0, np.sin(HALF), np.cos(HALF)]
         expected = closed(row.candidate.name) - closed(known)
-        assert np.median(slopes) * DEG_H == pytest.approx(expected, rel=1e-4)
+        assert np.median(slopes) * IN_DEG_H == pytest.approx(expected, rel=1e-4)
     # judges are asked though nobody named them
     apart = [
         abs(closed(j) - closed(known))
         for j in ("quatfiter-4", "previous-3", "lookahead-12")
         if j != known
     ]
-    assert actual.reference_resolution * DEG_H == pytest.approx(max(apart), rel=0.05)
+    assert actual.reference_resolution * IN_DEG_H == pytest.approx(max(apart), rel=0.05)
 
 
 def test_reference_is_judged_by_another_interpolation_too():
@@ -104,7 +104,7 @@ def test_reference_is_judged_by_another_interpolation_too():
     drift = {r.candidate.name: r.drift_dph.slope_rms for r in result.rows}
     assert drift["quatfiter-4"] == 0.0
     assert drift["lookahead-12"] > 2.0 * drift["previous-3"] > 0.0
-    assert result.reference_resolution * DEG_H == pytest.approx(drift["lookahead-12"])
+    assert result.reference_resolution * IN_DEG_H == pytest.approx(drift["lookahead-12"])
     assert result.verdict.algorithm is None
     assert result.verdict.text.startswith("This log cannot tell which algorithm is accurate to")
 
@@ -220,8 +220,8 @@ def row(name, drift, cost=50.0, windows=10, decimate=1):
 
 
 def judged(rows, resolution=0.002, tolerance=0.01, reference="quatfiter-4"):
-    known = None if resolution is None else resolution / DEG_H
-    return verdict(rows, reference, known, tolerance / DEG_H)
+    known = None if resolution is None else resolution / IN_DEG_H
+    return verdict(rows, reference, known, tolerance / IN_DEG_H)
 
 
 def test_all_agree():

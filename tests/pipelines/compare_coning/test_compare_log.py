@@ -9,7 +9,7 @@ from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.errors import DataError
 from sinstool.io.readers import open_log
-from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H
 from sinstool.pipelines.compare_coning.log import compare_log, gyro_segments, truth_at
 from sinstool.pipelines.compare_coning.runs import Segment
 from sinstool.pipelines.compare_coning.summary import summarise
@@ -189,7 +189,7 @@ def test_two_seconds_and_less(tmp_path):
 def test_real_logs_are_not_told_more_than_they_hold(path, apart, resolution):
     result = compare_log(real(path), config(NATIVE))
     c = result.comparison
-    assert c.reference_resolution * DEG_H == pytest.approx(resolution, rel=0.1)
+    assert c.reference_resolution * IN_DEG_H == pytest.approx(resolution, rel=0.1)
     assert c.verdict.algorithm is None
     limit = c.verdict.limit_dph
     assert limit == pytest.approx(2 * resolution, rel=0.1)

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.pipelines.compare_coning import divergence
-from sinstool.pipelines.compare_coning.divergence import DEG_H, part, statistics, widest_gap
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H, part, statistics, widest_gap
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment, run
 from sinstool.simulation.motions import random_manoeuvre, sample
 from sinstool.simulation.truth import sample_times
@@ -155,16 +155,16 @@ def test_long_runs_are_thinned_without_moving_anything(monkeypatch):
 
 def test_statistics_are_those_of_the_windows():
     rng = np.random.default_rng(0)
-    rates = rng.normal([1.0, -2.0, 0.0], 0.3, (50, 3)) / DEG_H
-    slopes = rng.normal(0.0, 1.0, (50, 3)) / DEG_H
+    rates = rng.normal([1.0, -2.0, 0.0], 0.3, (50, 3)) / IN_DEG_H
+    slopes = rng.normal(0.0, 1.0, (50, 3)) / IN_DEG_H
     result = statistics(rates, slopes)
-    d = rates * DEG_H
+    d = rates * IN_DEG_H
     np.testing.assert_allclose(result.mean, d.mean(axis=0))
     np.testing.assert_allclose(result.confidence, 2 * np.std(d, axis=0, ddof=1) / np.sqrt(50))
     np.testing.assert_allclose(result.max, np.abs(d).max(axis=0))
     np.testing.assert_allclose(result.p95, np.quantile(np.abs(d), 0.95, axis=0))
     assert result.norm_rms == pytest.approx(np.sqrt((np.linalg.norm(d, axis=1) ** 2).mean()))
-    assert result.slope_rms == pytest.approx(np.linalg.norm(slopes * DEG_H) / np.sqrt(50))
+    assert result.slope_rms == pytest.approx(np.linalg.norm(slopes * IN_DEG_H) / np.sqrt(50))
     assert result.norm_rms**2 == pytest.approx(np.sum(result.rms**2))
     one = statistics(rates[:1], slopes[:1])
     assert np.isnan(one.confidence).all()

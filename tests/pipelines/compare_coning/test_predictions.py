@@ -8,7 +8,7 @@ import pytest
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.response import coning_spectrum
 from sinstool.pipelines.compare_coning.compare import Settings, compare
-from sinstool.pipelines.compare_coning.divergence import DEG_H
+from sinstool.pipelines.compare_coning.divergence import IN_DEG_H
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
 from sinstool.pipelines.compare_coning.summary import predict
 from sinstool.simulation.motions import broadband, sample
@@ -94,7 +94,7 @@ def test_passband_and_stopband_split_one_line():
     gyro = coning_samples(0.01, 60.0, STEP, 16000, "mean-rate")
     spectrum = coning_spectrum(gyro, STEP, "mean-rate")
     candidate = Candidate("previous-1", algorithm("previous-1"))
-    rate = coning_rate(0.01, 60.0) * DEG_H
+    rate = coning_rate(0.01, 60.0) * IN_DEG_H
     gain = coning_gain(candidate.algorithm, 60.0, STEP)
     motion = predict(candidate, spectrum, 80.0, 100.0)
     assert motion.pred_dph[2] == pytest.approx((gain - 1.0) * rate, rel=5e-3)
@@ -119,7 +119,7 @@ def test_a_slower_log_is_predicted_at_its_rate():
     spectrum = coning_spectrum(gyro, STEP, "mean-rate")
     native = Candidate("previous-1", algorithm("previous-1"))
     slow = replace(native, decimate=4, input="sums")
-    rate = coning_rate(0.01, 30.0) * DEG_H
+    rate = coning_rate(0.01, 30.0) * IN_DEG_H
     for candidate, step in ((native, STEP), (slow, 4 * STEP)):
         gain = coning_gain(candidate.algorithm, 30.0, step)
         expected = (gain - 1.0) * rate

@@ -10,7 +10,7 @@ from sinstool.core.rotation import to_euler
 from sinstool.core.streams import Solution
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import Losses, read_columns
-from sinstool.methods.height.pressure import geopotential, pressure_at
+from sinstool.methods.height.standard_atmosphere import geopotential, pressure_at
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, without
 from sinstool.pipelines.process.run import process
 from sinstool.simulation.flight import manoeuvring_flight

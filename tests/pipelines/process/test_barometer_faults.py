@@ -47,7 +47,7 @@ CASES = {
         (0.2, 0.3),
         (0.02, 0.15),
         {"not_finite": 11, "out_of_range": 8},
-        "11 not finite, 8 that are no air pressure",
+        "11 not finite, 8 outside the range of air pressure",
     ),
     "stamps": (stamps, (0.2, 0.3), (0.02, 0.15), {"stamp": 210}, "stamp repeats or goes back"),
 }

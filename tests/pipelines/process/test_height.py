@@ -11,7 +11,7 @@ from sinstool.config.load import build
 from sinstool.core.errors import ConfigurationError, DataError
 from sinstool.core.streams import Baro, GnssEpochs
 from sinstool.methods.height.layout import ChannelSummary, Event
-from sinstool.methods.height.pressure import geopotential, pressure_at
+from sinstool.methods.height.standard_atmosphere import geopotential, pressure_at
 from sinstool.pipelines.process.height import (
     height_reference,
     height_warnings,
@@ -122,7 +122,7 @@ def test_a_barometer_that_no_fix_falls_into_is_set_by_the_start():
     reference, _ = height_reference(source_of(baro, later), options(), 300.0)
     assert reference.baro.mode == "init"
     assert reference.height[0] == pytest.approx(300.0, abs=1.5)
-    with pytest.raises(DataError, match="--baro-ref gnss: the log has no GNSS heights while"):
+    with pytest.raises(DataError, match="--baro-ref gnss: the log has no GNSS heights at"):
         height_reference(source_of(baro, later), options(baro_ref="gnss"), 300.0)
 
 

@@ -162,7 +162,7 @@ def test_a_field_of_another_place_is_not_verified(tmp_path):
     assert (used.refused, used.north, result.output.frame) == ("", "none", "odom")
     assert used.heading_sigma_deg > 20.0
     (finding,) = [f for f in result.findings if f.kind == "unlike-the-place"]
-    assert "deg is not that of the place" in finding.text
+    assert "but at this place it should be" in finding.text
     assert "north, unverified" in dict(summary_rows(result))["magnetometer"]
 
 

@@ -170,7 +170,7 @@ def test_corrupt_or_foreign_calibration(calibrated, tmp_path):
     refused(json.dumps({k: v for k, v in cal.items() if k != "runs"}), "lacks runs")
     refused(hse.read_text().replace("rate_rad_s", "rate"), "rate")
     bad.write_bytes(b"\xff\xfe\x00")
-    refused(None, "it is no text")
+    refused(None, "it is not text")
 
 
 def test_without_a_rig(calibrated, tmp_path):

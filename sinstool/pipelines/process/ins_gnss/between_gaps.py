@@ -25,7 +25,7 @@ from sinstool.methods.ins_gnss.results import FilterEvent
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
+from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions
 from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.grade import to_align_as

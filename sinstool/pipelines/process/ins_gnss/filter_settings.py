@@ -8,7 +8,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.units import DEGREE
-from sinstool.methods.height.pressure import HeightReference
+from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.settings import (
     BARO_GRADES,
     BaroModel,

@@ -15,10 +15,10 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
-from sinstool.methods.height.pressure import HeightReference
+from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.receiver_offsets import LATENCY_S, ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
-from sinstool.pipelines.process.ins_gnss.first_state import FoundStart
+from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart
 from sinstool.pipelines.process.summary import FirstAttitude
 from sinstool.survey.grade import ImuGrade
 

@@ -20,7 +20,7 @@ from sinstool.pipelines.process.ins_gnss.filter_settings import (
     too_good,
 )
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.first_state import FoundStart, StartFixes, find_start
+from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart, StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.receiver import gnss_model, inflate_sigmas
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag
 from sinstool.survey.grade import ImuGrade, sensor_grade, to_align_as

@@ -72,7 +72,7 @@ def with_likeliest(
         return replace(start, denied=gain if gain > DENIED else 0.0)
     if not gain:
         return start
-    how = f"{start.how}; then another, which makes the fixes of the first minutes likelier"
+    how = f"{start.how}; replaced by another that fits the fixes of the first minutes better"
     return replace(start, start=best, how=how)
 
 
@@ -83,9 +83,9 @@ def denied_attitude(start: FilterStart) -> list[Finding]:
     return [
         Finding(
             "stated-attitude",
-            "the fixes that follow are clearly likelier with another first attitude than that of"
-            f" --align (twice the log likelihood: {start.denied:.0f} more): attitude and its sigmas"
-            " are not to be trusted",
+            "the fixes of the first minutes fit another first attitude clearly better than that of"
+            f" --align (by {start.denied:.0f} in twice the log likelihood): do not trust the"
+            " attitude and its sigmas",
             Severity.LOST,
             "leave --align and --initial-attitude out, or correct them",
             numbers={"twice_log_likelihood": start.denied},

@@ -1,4 +1,4 @@
-"""The likeliest noise of an Imu, by errors of its navigation that several runs make of it.
+"""The likeliest noise of an Imu, by the errors of its navigation in several runs.
 
 A run takes a thousand times as long as all else here, so few are made: the variance of an error is
 a sum of parts, each of which goes with the square of one factor, and four runs show them. With

@@ -35,6 +35,7 @@ WORSE_S = 10.0
 # Stamps of receiver and Imu are no better than this, s: what a vehicle moves meanwhile is white
 # noise of a position.
 STAMP_S = 0.003
+AS_STATED = "as the receiver says"
 
 
 def inflate_sigmas(gnss: GnssEpochs, config: ProcessConfig, stamp_s: float = STAMP_S) -> GnssEpochs:
@@ -74,9 +75,17 @@ def _worse_for_long(gnss: GnssEpochs) -> FloatArray:
 
 
 def gnss_model(
-    gnss: GnssEpochs, config: ProcessConfig, stamp_s: float = STAMP_S
+    gnss: GnssEpochs,
+    config: ProcessConfig,
+    stamp_s: float = STAMP_S,
+    stated: str = AS_STATED,
 ) -> tuple[GnssModel, str]:
     """Noise of a receiver's fixes, and where it is from; `stamp_s` as of `inflate_sigmas`.
+
+    Parameters
+    ----------
+    stated : str, optional
+        What the noise of positions is, in words, where the receiver states one.
 
     Returns
     -------
@@ -97,9 +106,9 @@ def gnss_model(
         velocity = velocity * (config.gnss.gnss_sigma_v / USUAL_SIGMA_V)
     white = np.hypot(POSITION_WHITE * position, stamp_s * _speed(gnss))
     how = (
-        f"position {'as the receiver says' if from_fixes else 'assumed'}, about"
+        f"position {stated if from_fixes else 'assumed'}, about"
         f" {position[0]:.3g} m; velocity"
-        f" {'as the receiver says' if from_velocities else 'assumed'}, about {velocity[0]:.3g} m/s"
+        f" {AS_STATED if from_velocities else 'assumed'}, about {velocity[0]:.3g} m/s"
     )
     return (
         GnssModel(
@@ -150,18 +159,16 @@ def with_measured_noise(
     if options.gnss_noise_scale == 1.0 and options.gnss_sigma is None:
         ratio = white / _whole(gnss_model(gnss, config)[0])
         noisier = np.where(stated & (ratio > TOO_LITTLE), ratio, 1.0)
+    words = AS_STATED
     if (noisier > 1.0).any():
         gnss = replace(gnss, sigma_position_n=noisier * gnss.sigma_position_n)
+        words = f"{times_as_noisy(noisier)} what the receiver says"
     exact = white[0] <= AS_CLAIMED * _whole(gnss_model(gnss, config, 0.0)[0])[0]
     stamp_s = 0.0 if exact else STAMP_S
-    model, why = gnss_model(gnss, config, stamp_s)
+    model, why = gnss_model(gnss, config, stamp_s, words)
     epochs = split_position_velocity(inflate_sigmas(gnss, config, stamp_s), start.lag)
     known = stated | (options.gnss_sigma is not None)
     model = _with_white(model, white, np.where(known, 1.0, np.inf))
-    if (noisier > 1.0).any():
-        why = why.replace(
-            "as the receiver says", f"{times_as_noisy(noisier)} what the receiver says", 1
-        )
     lasts = model.position_markov[0] / _whole(model)[0]
     made = replace(
         start,

@@ -14,7 +14,7 @@ from sinstool.core.result import fields_in
 from sinstool.core.rotation import from_dcm
 from sinstool.core.streams import Diagnostics, Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
-from sinstool.io.writers.solution import Frames
+from sinstool.io.writers.solution_topics import Frames
 from sinstool.methods.ins_gnss.constraints import Constraints
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -31,7 +31,7 @@ from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.height import Damping, height_warnings
-from sinstool.pipelines.process.ins_gnss import settings_used, trust
+from sinstool.pipelines.process.ins_gnss import settings_used
 from sinstool.pipelines.process.ins_gnss.before_start import (
     before_start,
     before_start_text,
@@ -47,9 +47,15 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
     summed,
     vehicle_of,
 )
-from sinstool.pipelines.process.ins_gnss.denied_start import denials
+from sinstool.pipelines.process.ins_gnss.contradictions import contradictions
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.start import timed_start
+from sinstool.pipelines.process.ins_gnss.untrusted import (
+    TOO_MANY_REJECTED,
+    doubts,
+    marked,
+    untrusted,
+)
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions, find_vehicle
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
@@ -216,11 +222,11 @@ class FilterRun(Mode):
             first = smoothed_start(stretch.start.start, smoothed)
             yield from self._scored(self._earlier(stretch, first))
             events = stretch.filter.events
-            doubtful = trust.doubts(concatenate(self._gnss), events) if self._gnss else []
+            doubtful = doubts(concatenate(self._gnss), events) if self._gnss else []
             begin = 0
             for updates in smoother.blocks(smoothed):
                 end = begin + len(updates)
-                updates = trust.marked(updates, doubtful) if doubtful else updates
+                updates = marked(updates, doubtful) if doubtful else updates
                 yield from self._scored(self._solution(updates, log_time[begin:end]))
                 begin = end
 
@@ -435,13 +441,13 @@ class FilterRun(Mode):
             note("before-start", before_start_text(without, before))
         vehicle, used = vehicle_of(self._stretches)
         findings += vehicle.findings(used)
-        findings += [*self._diagnosis(), *denials(p, self.source.findings)]
+        findings += [*self._diagnosis(), *contradictions(p, self.source.findings)]
         if self._gnss:
             first_ns = self.source.survey.first_ns
-            findings += trust.untrusted(
+            findings += untrusted(
                 concatenate(self._gnss), events_of(self._stretches), s.mean_nis, first_ns
             )
-        if s.epochs_gated:
+        if s.epochs_gated and not any(one.kind == TOO_MANY_REJECTED for one in findings):
             note(
                 "rejected-fixes",
                 f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} GNSS epochs were rejected",

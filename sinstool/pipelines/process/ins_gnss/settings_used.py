@@ -1,4 +1,4 @@
-"""Settings that a filter's run used, which nobody gave, and options that it speaks against."""
+"""Settings that a filter took from the log, and options that its run contradicts."""
 
 from __future__ import annotations
 
@@ -47,8 +47,9 @@ def notes(
     ):
         note(
             "latency-used",
-            f"fixes are valid {_shift(settings.gnss_latency, 'before', 'after')} their"
-            f" stamps (sigma {start.offsets.sigma_s:.4f} s) and are used so; see --gnss-latency",
+            f"fixes are taken to be valid {_shift(settings.gnss_latency, 'before', 'after')} their"
+            f" stamps (sigma {start.offsets.sigma_s:.4f} s), as the log shows; --gnss-latency"
+            " overrides this",
         )
     if start.latency_status != "given":
         noise = np.hypot(settings.gnss.position_white, settings.gnss.position_markov)
@@ -58,8 +59,8 @@ def notes(
         note(
             "velocity-lag-used",
             f"the receiver's velocities are stamped {_shift(start.lag, 'later', 'earlier')}"
-            " than its positions, and both are used at their own times; --gnss-velocity-lag"
-            " overrides this",
+            " than its positions; each is used at its own time (--gnss-velocity-lag overrides"
+            " this)",
         )
     if config.filter.filter == "plain-15":
         note(
@@ -85,8 +86,9 @@ def late_or_early(largest_m: float, sigma_s: float, fix_sigma_m: float) -> list[
     return [
         Finding(
             "latency-uncertain",
-            f"the log shows the latency of GNSS to {1e3 * sigma_s:.0f} ms only, by which positions"
-            f" are up to {largest_m:.2g} m early or late (1 sigma), however good the fixes are",
+            f"the log shows the latency of GNSS to {1e3 * sigma_s:.0f} ms only, which makes"
+            f" positions uncertain by up to {largest_m:.2g} m (1 sigma) along the track, however"
+            " good the fixes are",
             answer="give --gnss-latency",
             numbers={"sigma_s": sigma_s, "position_m": largest_m},
         )

@@ -12,20 +12,20 @@ from sinstool.core.errors import AlignmentError
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import LOW_COST
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
-from sinstool.pipelines.process.ins_gnss.denied_start import held_against_log
+from sinstool.pipelines.process.ins_gnss.contradictions import compare_with_log
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
     imu_stated,
     receiver_stated,
 )
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_start import first_start, regraded
-from sinstool.pipelines.process.ins_gnss.first_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import (
     Drift,
     shaking,
     shown_increments,
 )
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
+from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.likelier_grade import better_grade, likelier_low_cost
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.receiver import (
@@ -65,7 +65,7 @@ def timed_start(
         # A poor Imu follows fixes wherever they go, until it is known to be a better one
         start = _wandering(source, config, algorithm, start)
     start = with_likeliest(source, config, algorithm, start, start.by_the_fixes)
-    start = held_against_log(source, config, algorithm, start)
+    start = compare_with_log(source, config, algorithm, start)
     source.samples.made.clear()
     start = replace(start, warnings=(*_warnings(start), *start.warnings))
     log_choice(
@@ -82,25 +82,26 @@ def _warnings(start: FilterStart) -> list[str]:
     if max(start.slow_errors) > 1.0:
         north, _, down = start.settings.gnss.position_markov
         warnings.append(
-            f"fixes wander by {north:.2g} m (vertically {down:.2g} m; 1 sigma) within minutes, more"
-            " than the receiver says, by how the navigation of the IMU differs from them, and are"
-            " weighted accordingly; --gnss-lasting overrides this"
+            f"compared with the IMU, fixes wander by {north:.2g} m (vertically {down:.2g} m;"
+            " 1 sigma) within minutes, more than the receiver states; they are weighted accordingly"
+            " (--gnss-lasting overrides this)"
         )
     if max(start.noisier_velocity) > 1.0:
         warnings.append(
-            f"velocities are {times_as_noisy(start.noisier_velocity)} as noisy as the receiver"
-            " says, by how they change, and are weighted accordingly; --gnss-noise-scale overrides"
-            " this"
+            "from epoch to epoch, velocities scatter"
+            f" {times_as_noisy(start.noisier_velocity)} as much as the receiver states; they are"
+            " weighted accordingly (--gnss-noise-scale overrides this)"
         )
     if max(start.noisier) > 1.0:
         warnings.append(
-            f"fixes are {times_as_noisy(start.noisier)} as noisy as the receiver says, by how they"
-            " change, and are weighted accordingly; --gnss-noise-scale overrides this"
+            f"from epoch to epoch, fixes scatter {times_as_noisy(start.noisier)} as much as the"
+            " receiver states; they are weighted accordingly (--gnss-noise-scale overrides this)"
         )
     if start.latency_status == "not settled":
         warnings.append(
-            f"the latency of GNSS did not settle: {1e3 * start.settings.gnss_latency:.0f} ms is"
-            f" used, and with it the log shows {start.offsets}: give it with --gnss-latency"
+            "the estimate of the GNSS latency did not converge:"
+            f" {1e3 * start.settings.gnss_latency:.0f} ms is used, but then the log shows"
+            f" {start.offsets}: give it with --gnss-latency"
         )
     return warnings
 
@@ -171,11 +172,11 @@ def _fitted(
         worse = next_worse(start.grade.grade)
         if worse is None:
             break
-        why = f"innovations are clearly likelier than as a {start.grade.grade} one"
+        why = f"fits the innovations clearly better than {start.grade.grade}"
         if shown.doubted:
             why = (
-                f"as for a {start.grade.grade} one innovations squared are {shown.square:.2g} times"
-                " what was expected"
+                f"with {start.grade.grade} squared innovations are {shown.square:.2g} times as"
+                " large as expected"
             )
         try:
             begun = first_start(source, config, ImuGrade(worse, why), start.lag)
@@ -210,7 +211,7 @@ def _drifting(
     worse = next_worse(start.grade.grade)
     if drift.ratio > OTHER_GRADE and worse is not None:
         # Noise at rest says nothing of biases and scale factors
-        why = f"as a {start.grade.grade} one drifts {drift.ratio:.2g} times too much without fixes"
+        why = f"drifts {drift.ratio:.2g} times as far without fixes as {start.grade.grade} allows"
         try:
             begun = first_start(source, config, ImuGrade(worse, why), start.lag)
             other = _timed(source, config, algorithm, begun)

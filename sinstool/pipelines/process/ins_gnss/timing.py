@@ -17,6 +17,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.chi_square import MEDIAN_SQUARE
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
@@ -52,9 +53,8 @@ LAG_SIGMAS = 6.0
 # Assumed while positions at wrong times must not spoil the biases.
 LOOSE_POSITION = (5.0, 5.0, 8.0)
 LOOSE_VELOCITY = (0.3, 0.3, 0.5)
-# For the white noise of fixes: epochs that show it; median of the square of a unit normal.
+# Epochs that show the white noise of fixes.
 LEAST_EPOCHS = 40
-MEDIAN_SQUARE = 0.4549
 
 
 def significant_lag(gnss: GnssEpochs) -> float:

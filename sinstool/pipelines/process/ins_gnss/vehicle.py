@@ -147,7 +147,7 @@ class VehicleAssumptions:
         if self.denied:
             return [*self.denied, *replace(self, denied=())._findings(land, trust)]
         if self.mounted and trust is not None and not trust.holds and not self.forced:
-            text = f"no constraint is used with this --mount, as {trust.reason}"
+            text = f"with this --mount no constraint is used, as {trust.reason}"
             answer = "check --mount, or leave it out"
             return [Finding("mount", text, answer=answer)]
         if land is None and self.forced:
@@ -161,7 +161,7 @@ class VehicleAssumptions:
             return []
         findings = []
         if trust is not None and not trust.holds:
-            text = f"the vehicle is held not to slide, as --vehicle is land, but {trust.reason}"
+            text = f"--vehicle land keeps the vehicle from sliding, but {trust.reason}"
             findings.append(Finding("vehicle-slides", text, answer="leave --vehicle land out"))
         if land.slid > MOST_SLID * max(land.used, 1):
             text = (
@@ -173,14 +173,15 @@ class VehicleAssumptions:
         findings += [] if land.wheels is None else _of_wheels(land.wheels)
         if land.mount_sigma_deg[1] > VAGUE_YAW:
             text = (
-                "how the IMU is turned in the vehicle is known to"
-                f" {land.mount_sigma_deg[1]:.1f} deg only, as it turned and accelerated little"
+                "the yaw of the IMU in the vehicle is known to"
+                f" {land.mount_sigma_deg[1]:.1f} deg only, as the vehicle hardly turned or"
+                " accelerated"
             )
             findings.append(Finding("mount-yaw", text, answer="give it with --mount"))
         if abs(land.axle_m) > LONG_VEHICLE:
             where = "behind" if land.axle_m > 0.0 else "ahead of"
             text = f"the axle that does not slide would be {abs(land.axle_m):.1f} m {where} the IMU"
-            answer = "if the vehicle is not so long, give --vehicle none"
+            answer = "if the vehicle is not that long, give --vehicle none"
             findings.append(Finding("axle", text, answer=answer))
         return findings
 
@@ -208,22 +209,23 @@ def _of_wheels(wheels: WheelSpeedUsed) -> list[Finding]:
         high = 100.0 * (1.0 / wheels.metres_per_unit - 1.0)
         text = (
             f"the speed of {wheels.topic} reads {abs(high):.1f} % too"
-            f" {'high' if high > 0.0 else 'low'} beside the fixes, and is used corrected"
+            f" {'high' if high > 0.0 else 'low'} compared with the fixes; this is corrected"
         )
         numbers = {"scale_percent": high}
         findings.append(Finding("wheel-scale", text, topic=wheels.topic, numbers=numbers))
     if abs(wheels.latency_s) > max(LATE_S, LATE_SIGMAS * wheels.latency_sigma_s):
+        late = 1e3 * wheels.latency_s
         text = (
-            f"{wheels.topic} is stamped {1e3 * wheels.latency_s:+.0f} ms after the motion that it"
-            " shows, and is used at its own time"
+            f"{wheels.topic} is stamped {abs(late):.0f} ms {'after' if late > 0.0 else 'before'}"
+            " the motion that it shows; this is corrected"
         )
         numbers = {"latency_s": wheels.latency_s}
         findings.append(Finding("wheel-latency", text, topic=wheels.topic, numbers=numbers))
     slips = wheels.slipped / max(wheels.used, 1)
     if slips > MOST_SLIPS or wheels.one_slips > MOST_SLIPS:
         text = (
-            f"wheels slip: {100.0 * max(slips, wheels.one_slips):.0f} % of {wheels.topic} is left"
-            " out"
+            f"wheels slip: {100.0 * max(slips, wheels.one_slips):.0f} % of the readings of"
+            f" {wheels.topic} are left out"
         )
         answer = "if the speed looks wrong, give --wheels none"
         findings.append(Finding("wheels-slip", text, topic=wheels.topic, answer=answer))
@@ -256,7 +258,7 @@ def find_vehicle(
         return VehicleAssumptions(shaken)
     track = _unconstrained(joined, start, shaken)
     if track is None:
-        return VehicleAssumptions(shaken, reason="as there is too little of a log")
+        return VehicleAssumptions(shaken, reason="as the log is too short")
     rests = find_rests(means, track)
     trust, denied = _trust(source, config, means, track)
     forced = options.vehicle == "land"
@@ -313,8 +315,8 @@ def _trust(
         log_choice("mount", f"{angles} in {stated.vehicle}, by /tf_static (--mount)")
         return trust, ()
     text = (
-        f"/tf_static has the IMU at {angles} in {stated.vehicle}, which the motion contradicts, as"
-        f" {trust.reason}; the mount is estimated from the motion instead"
+        f"/tf_static has the IMU at {angles} in {stated.vehicle}, but the motion contradicts this,"
+        f" as {trust.reason}; the mount is estimated from the motion instead"
     )
     answer = f"correct the transform from {stated.vehicle}, or give --mount"
     return by_motion, (Finding("mount-transform", text, answer=answer),)

@@ -19,8 +19,6 @@ LONGEST_NS = SECOND // 2
 LEAST_SIGMA, MOST_SIGMA = 0.1, 1.0
 # How long what is wrong with wheels lasts, s.
 LASTS_S = 2.0
-# Rows of the track that lie in outages: more than so many medians of its sigma.
-OUTAGE = 1.5
 
 
 @dataclass(frozen=True)
@@ -61,8 +59,7 @@ def use_wheels(
     """
     if not wheels.topic or len(wheels) < 2:
         return None
-    sigma = track.speed_sigma
-    seen = sigma < OUTAGE * np.median(sigma)
+    seen = track.outside_outages
     forward = track.velocity_b @ c_vb[0]
     fit = matched(wheels, track.time_ns[seen], forward[seen])
     if fit is None:

@@ -189,7 +189,7 @@ def test_fixes_are_as_noisy_as_they_show_and_no_less_than_the_receiver_says(
     used = 0.4 * claims * options.get("gnss_noise_scale", 1.0) * expected
     assert whole == pytest.approx(3 * [used], rel=0.25)
     assert np.median(start.gnss.sigma_position_n[:, 0]) == pytest.approx(used, rel=0.25)
-    said = any("as noisy as the receiver says" in text for text in start.warnings)
+    said = any("as much as the receiver states" in text for text in start.warnings)
     assert said == (expected > 1.0) == ("times (vertically" in start.gnss_why)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.alignment import in_motion
-from sinstool.pipelines.process.ins_gnss import first_state, timing
+from sinstool.pipelines.process.ins_gnss import initial_state, timing
 from tests.helpers.filter_logs import simulated, start_of
 from tests.helpers.unseen_drives import (
     GRADES,
@@ -25,7 +25,7 @@ def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatc
     data = record(drive(1, 400.0, 20.0), GRADES["tactical"], 1, gnss_rate=2.0, sigma=0.4)
     log = write(tmp_path / "log.mcap", wandering(data, 1, 1.6, 100.0))
     aligned, sought = [], []
-    in_flight, filter_run = first_state.in_flight, timing.InsGnssFilter
+    in_flight, filter_run = initial_state.in_flight, timing.InsGnssFilter
 
     def aligning(source, config, method, shown, time_ns, later_ns):
         aligned.append((config.gnss.gnss_latency, time_ns, shown.sigma_velocity_n.tobytes()))
@@ -36,7 +36,7 @@ def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatc
             super().__init__(start, settings, **how)
             sought.append((start.nav.tobytes(), settings))
 
-    monkeypatch.setattr(first_state, "in_flight", aligning)
+    monkeypatch.setattr(initial_state, "in_flight", aligning)
     monkeypatch.setattr(timing, "InsGnssFilter", Seeking)
     start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss={"lever_arm": tuple(LEVER)})
     assert start.grade.by_drift

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from sinstool.core.finding import Finding, Severity, exit_status
-from sinstool.pipelines.process.ins_gnss.denied_start import of_another_clock
+from sinstool.pipelines.process.ins_gnss.contradictions import of_another_clock
 from tests.helpers.filter_logs import run, simulated
 
 
@@ -28,7 +28,7 @@ def test_only_motion_makes_up_for_another_clock(status, sigma_s, contradicts, tr
     findings = of_another_clock([clock], start)
     assert exit_status(findings) == (0 if trusted else 3)
     assert trusted or findings[0].answer == "give it"
-    assert trusted or findings[0].text.startswith("two, and the fixes are used that far")
+    assert trusted or findings[0].text.startswith("two, so every fix is used")
     assert not of_another_clock([Finding("other", "else")], start)
 
 
@@ -45,3 +45,15 @@ def test_a_wrong_clock_is_told_once(tmp_path):
     assert told[0]["severity"] == Severity.LOST.name.lower()
     assert "2.0 s ahead of" in told[0]["text"] and "do not trust" in told[0]["text"]
     assert "leave --gnss-clock-offset out" in told[0]["answer"]
+
+
+def test_rejected_fixes_are_told_once(tmp_path):
+    """Where most fixes are rejected, that says all that their number does."""
+    log = simulated(
+        tmp_path / "log.mcap", "drive", "--duration", "120", "--still", "20", "--grade", "mems",
+        "--rate", "50", "--seed", "3", "--baro-rate", "0",
+    )  # fmt: skip
+    wrong = {"align": "fixed", "initial_attitude": (0.0, 0.0, 220.0)}
+    result, _ = run(log, navigation={"imu_grade": "navigation"}, align=wrong)
+    kinds = [f["kind"] for f in result["findings"]]
+    assert kinds.count("fixes-disbelieved") == 1 and "rejected-fixes" not in kinds

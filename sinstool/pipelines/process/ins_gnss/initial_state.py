@@ -107,7 +107,7 @@ def find_start(
     except AlignmentError as exc:
         message = exc.message if str(path) in exc.message else f"{path}: {exc.message}"
         hint = exc.hint
-        unsure = "sigma" in message and config.navigation.imu_grade == "auto"
+        unsure = exc.uncertain and config.navigation.imu_grade == "auto"
         if unsure and bias_at_rest(source) is None:
             hint = (
                 f"{hint or 'give an initial attitude'}, or set the grade of the Imu with"
@@ -147,9 +147,9 @@ def _aligned(
         return alignment
     if config.align.align == "auto":
         raise AlignmentError(
-            "motion and GNSS do not show heading, and the filter needs it",
-            "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING, or, where"
-            " gyros measure the Earth's rotation at rest, use --align gyrocompass",
+            "motion and GNSS do not show the heading, and the filter needs it",
+            "give it with --align fixed --initial-attitude ROLL,PITCH,HEADING, or use --align"
+            " gyrocompass if the gyros can measure the Earth's rotation at rest",
         )
     raise AlignmentError(
         f"--align {alignment.method} gives no heading, and the filter needs one",

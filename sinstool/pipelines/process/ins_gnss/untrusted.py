@@ -18,6 +18,7 @@ MOST_REJECTED = 0.2
 LEAST_FIXES = 20
 # Innovations squared over what was expected: beyond these the sigmas say nothing.
 LEAST_NIS, MOST_NIS = 0.05, 5.0
+TOO_MANY_REJECTED = "fixes-disbelieved"
 
 
 def untrusted(
@@ -51,9 +52,9 @@ def untrusted(
         findings.append(
             Finding(
                 "too-far-uncorrected",
-                f"from {(far.time_ns - first_ns) / SECOND:.1f} s on the uncorrected navigation is"
-                " too far off for a linear filter (more than 1 km, or 1 deg): the solution is not"
-                " to be trusted from there",
+                f"from {(far.time_ns - first_ns) / SECOND:.1f} s on, the uncorrected navigation is"
+                " too far off for a linear filter (more than 1 km or 1 deg): do not trust the"
+                " solution from there on",
                 Severity.LOST,
                 "leave --feedback none out",
                 start_ns=far.time_ns,
@@ -65,9 +66,9 @@ def untrusted(
     if number >= LEAST_FIXES and rejected > MOST_REJECTED * number:
         findings.append(
             Finding(
-                "fixes-disbelieved",
-                f"{rejected} of {number} fixes were too far off for the sigmas"
-                " of filter and receiver: do not trust the solution",
+                TOO_MANY_REJECTED,
+                f"{rejected} of {number} fixes were rejected, as they are further off than the"
+                " sigmas of filter and receiver allow: do not trust the solution",
                 Severity.LOST,
                 "look at the first warnings; set --imu-grade, --gnss-noise-scale or --lever-arm",
                 numbers={"rejected_share": rejected / number},
@@ -147,9 +148,9 @@ def _stretch(
     begin: int, end: int, gap: bool, first_ns: int, text: str = "the solution is not to be trusted"
 ) -> Finding:
     why = (
-        "the Imu is silent, and the filter began anew"
+        "the Imu has a gap, after which the filter restarted"
         if gap
-        else "fixes were rejected until the filter began anew"
+        else "fixes were rejected until the filter restarted"
     )
     seconds = [(time - first_ns) / SECOND for time in (begin, end)]
     return Finding(

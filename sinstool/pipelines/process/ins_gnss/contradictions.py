@@ -1,4 +1,4 @@
-"""What a log denies of the start of a filter: its options, its attitude, its fixes' clock.
+"""What a log contradicts in the start of a filter: options, attitude, the clock of the fixes.
 
 Settings that are wrong may lead a filter astray with sigmas that say nothing of it. Each thing here
 is measured once the start is settled, and becomes a finding of the run.
@@ -40,10 +40,10 @@ MOST_OF_IT = 90.0
 MOST_UNEXPLAINED = 1.3
 
 
-def held_against_log(
+def compare_with_log(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
-    """A start with what :func:`denials` judges it by."""
+    """A start with the measures that :func:`contradictions` judges it by."""
     if imu_stated(config):
         drift = Drift(source, config, algorithm, start.by_the_fixes)
         start = replace(start, drifts=drift.ratio)
@@ -125,8 +125,8 @@ def _attitudes_apart(
     return float(most[axis]), float(np.percentile(turn[:, axis], MOST_OF_IT))
 
 
-def denials(start: FilterStart, survey: Sequence[Finding]) -> list[Finding]:
-    """What a log says against the start of a filter, its settings and its fixes.
+def contradictions(start: FilterStart, survey: Sequence[Finding]) -> list[Finding]:
+    """Findings where a log contradicts the start of a filter, its settings or its fixes.
 
     Parameters
     ----------
@@ -155,8 +155,8 @@ def drifts_too_far(ratio: float) -> list[Finding]:
     return [
         Finding(
             "imu-options",
-            f"where fixes are left out the navigation drifts {ratio:.1f} times as far as the"
-            " options about the Imu explain: attitude and its sigmas are not to be trusted",
+            f"without fixes, the navigation drifts {ratio:.1f} times as far as the options about"
+            " the Imu allow: do not trust the attitude and its sigmas",
             Severity.LOST,
             "leave --imu-grade, --imu-noise, --arw and --vrw out, or correct them",
             numbers={"drift_over_sigma": ratio},
@@ -173,18 +173,18 @@ def turned_by_offsets(start: FilterStart) -> list[Finding]:
     if angle <= (LEAST_BY_ARM if shown.arm_contradicts else LEAST_TURNED):
         return []
     if shown.arm_contradicts:
-        kind, option, value = "stated-lever-arm", "--lever-arm", "antenna's place"
+        kind, option, value = "stated-lever-arm", "--lever-arm", "a lever arm of"
         one = ",".join(f"{x:.2f}" for x in shown.arm_b.tolist()) + " m"
         other = ",".join(f"{x:.2f}" for x in settings.lever_arm_b) + " m"
     else:
-        kind, option, value = "stated-latency", "--gnss-latency", "latency"
+        kind, option, value = "stated-latency", "--gnss-latency", "a GNSS latency of"
         one, other = (f"{1e3 * x:.0f} ms" for x in (shown.latency_s, settings.gnss_latency))
     return [
         Finding(
             kind,
-            f"the {value} that the log shows, {one}, gives an attitude that is"
-            f" {angle / DEGREE:.0f} deg ({sigmas:.0f} sigmas) from that by the {other} in use:"
-            " attitude and its sigmas are not to be trusted",
+            f"the log shows {value} {one}; the attitude with it differs by {angle / DEGREE:.0f} deg"
+            f" ({sigmas:.0f} sigmas) from the attitude with {option} {other}: do not trust the"
+            " attitude and its sigmas",
             Severity.LOST,
             f"correct {option}",
             numbers={"attitude_deg": angle / DEGREE, "attitude_over_sigma": sigmas},
@@ -199,10 +199,9 @@ def unexplained_velocities(start: FilterStart) -> list[Finding]:
     return [
         Finding(
             "velocities-do-not-fit",
-            "beside the IMU the receiver's velocities are"
-            f" {start.unexplained:.1f} times as noisy as its own positions allow, and neither a"
-            " latency nor a lever arm that was tried explains it: attitude and its sigmas are not"
-            " to be trusted",
+            "compared with the IMU, the receiver's velocities are"
+            f" {start.unexplained:.1f} times as noisy as its own positions allow, and none of the"
+            " latencies and lever arms tried explains it: do not trust the attitude and its sigmas",
             Severity.LOST,
             "check the clocks (--gnss-clock-offset, --gnss-latency), the axes and units of the IMU",
             numbers={"noise_ratio": start.unexplained},
@@ -233,7 +232,7 @@ def of_another_clock(survey: Sequence[Finding], start: FilterStart) -> list[Find
     ):
         return []
     text = (
-        f"{clock.text}, and the fixes are used that far from when they were valid: do not trust the"
+        f"{clock.text}, so every fix is used at a time that is wrong by as much: do not trust the"
         " solution"
     )
     return [replace(clock, text=text, severity=Severity.LOST)]

@@ -5,7 +5,7 @@ import pytest
 
 from sinstool.core.finding import exit_status
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
-from sinstool.pipelines.process.ins_gnss.trust import (
+from sinstool.pipelines.process.ins_gnss.untrusted import (
     MOST_NAMED,
     doubts,
     marked,
@@ -51,7 +51,7 @@ def test_before_a_restart_nothing_is_to_be_trusted():
 
 def test_a_gap_is_a_warning():
     findings = untrusted(epochs(), [FilterEvent("imu-gap-restart", 60 * SECOND, 8.0)], 1.0, 0)
-    assert "from 60.0 to 68.0 s: the Imu is silent" in findings[0].text
+    assert "from 60.0 to 68.0 s: the Imu has a gap" in findings[0].text
     assert exit_status(findings) == 0
 
 

@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sinstool.config import ProcessConfig
+from sinstool.core.errors import AlignmentError
 from sinstool.core.timeline import SECOND
-from sinstool.pipelines.process.ins_gnss.first_state import _how
+from sinstool.pipelines.process.ins_gnss import initial_state
+from sinstool.pipelines.process.ins_gnss.initial_state import _how
 from tests.helpers.filter_logs import start_of
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import LEVER, record, sensor_errors, straight_flight, write
@@ -22,6 +25,24 @@ def test_which_way_an_attitude_was_carried(held_s, text):
     )
     said = _how(found, np.diag(np.deg2rad([0.1, 0.1, 0.4]) ** 2))
     assert f"carried {text};" in said and said.endswith("heading known to 0.4 deg")
+
+
+@pytest.mark.parametrize(
+    ("uncertain", "rests", "helps"),
+    [(True, False, True), (False, False, False), (True, True, False)],
+)
+def test_a_grade_is_asked_for_where_it_may_help(monkeypatch, uncertain, rests, helps):
+    """An attitude that a poor grade leaves too uncertain, whatever the message says of sigmas."""
+
+    def refuse(*_):
+        raise AlignmentError("see --gnss-sigma-v", "look", uncertain=uncertain)
+
+    monkeypatch.setattr(initial_state, "_aligned", refuse)
+    monkeypatch.setattr(initial_state, "bias_at_rest", lambda _: 0.0 if rests else None)
+    with pytest.raises(AlignmentError) as refused:
+        initial_state.find_start(SimpleNamespace(path="a.mcap"), ProcessConfig(), None, None)
+    assert refused.value.message.startswith("a.mcap: ")
+    assert ("--imu-grade" in refused.value.hint) is helps
 
 
 @pytest.mark.parametrize("seed", [5, 7])

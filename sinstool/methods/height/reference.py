@@ -1,0 +1,295 @@
+"""The height reference of the vertical channel: pressures made heights, or heights of GNSS.
+
+Pressure altitude belongs to a standard day. What makes it a height above the ellipsoid is a
+:class:`BaroReference`: an altimeter setting, GNSS heights or a known height at the start, and where
+the log climbs enough under GNSS, the scale that a warmer or colder day gives it (3.5 % for each
+10 K).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
+from sinstool.core.order_statistics import median, quantile
+from sinstool.methods.height.layout import ACCEPTED
+from sinstool.methods.height.pressure import pressure_reason
+from sinstool.methods.height.standard_atmosphere import (
+    geometric,
+    height_per_pascal,
+    pressure_altitude,
+)
+
+GNSS_WINDOW = 30.0
+"""s of GNSS heights that the barometer is set by."""
+
+MIN_SCALE_RANGE = 100.0
+"""m of GNSS height, without which no scale is fitted."""
+
+SCALE_BOUNDS = (0.85, 1.15)
+"""Of what a day's temperature can do."""
+
+# Rounds of a robust fit at most, and by which, m and m per 100 m, the last changes it.
+_HUBER_ROUNDS, _HUBER_CLOSE = 200, 1e-9
+
+
+@dataclass(frozen=True)
+class BaroReference:
+    """How pressure becomes height above the ellipsoid: ``offset + scale * geometric height``.
+
+    Attributes
+    ----------
+    mode : {"qnh", "gnss", "init"}
+    offset : float
+        m.
+    scale : float
+        1 unless fitted.
+    samples : int
+        Heights that it rests on; 0 for an altimeter setting.
+    fit : ScaleFit, optional
+        The fit of the scale, also where it was not applied.
+    """
+
+    mode: Literal["qnh", "gnss", "init"]
+    offset: float
+    scale: float = 1.0
+    samples: int = 0
+    fit: ScaleFit | None = None
+
+    def height(self, pressure: ArrayLike) -> FloatArray:
+        """Height above the ellipsoid, m, NaN for impossible pressures.
+
+        Parameters
+        ----------
+        pressure : array_like, shape (...)
+            Pa.
+        """
+        return np.asarray(self.offset + self.scale * _standard_height(pressure))
+
+    def sigma(self, pressure: ArrayLike, variance: ArrayLike) -> FloatArray:
+        """Standard deviation of the height, m.
+
+        Parameters
+        ----------
+        pressure : array_like, shape (...)
+            Pa.
+        variance : array_like, shape (...)
+            Pa^2; 0 for unknown gives 0.
+        """
+        slope = self.scale * np.abs(height_per_pascal(pressure))
+        return np.asarray(slope * np.sqrt(np.asarray(variance, dtype=np.float64)))
+
+
+@dataclass(frozen=True)
+class ScaleFit:
+    """GNSS heights as ``offset + scale * standard height``, by robust least squares.
+
+    Attributes
+    ----------
+    offset : float
+        m.
+    height_range : float
+        Of the GNSS heights used, 1st to 99th percentile, m.
+    applied : bool
+        Whether there was height enough for it, and the scale is one that a day can have.
+    """
+
+    offset: float
+    scale: float
+    height_range: float
+    samples: int
+    applied: bool
+
+
+def reference_from_setting(qnh: float, undulation: float = 0.0) -> BaroReference:
+    """Heights by an altimeter setting.
+
+    Parameters
+    ----------
+    qnh : float
+        Pa.
+    undulation : float, optional
+        Height of mean sea level above the ellipsoid, m: -107 to 86 over the Earth. With 0, the
+        heights are above mean sea level.
+
+    Raises
+    ------
+    ValueError
+        If the setting is no air pressure at sea level.
+    """
+    if not 8e4 <= qnh <= 1.1e5:
+        raise ValueError(f"Expected an altimeter setting between 800 and 1100 hPa, got {qnh} Pa.")
+    # A shift in geopotential height is one in geometric height, but for 0.3 % of it at 10 km.
+    return BaroReference("qnh", undulation - float(pressure_altitude(qnh)))
+
+
+def reference_from_start(pressure: ArrayLike, height: float) -> BaroReference:
+    """Reference heights that begin at a given initial height.
+
+    Parameters
+    ----------
+    pressure : array_like, shape (n,)
+        The first samples, Pa; say, those of the first second.
+    height : float
+        Above the ellipsoid, m.
+
+    Raises
+    ------
+    ValueError
+        If none of the pressures is one.
+    """
+    p = np.asarray(pressure, dtype=np.float64)
+    p = p[pressure_reason(p) == ACCEPTED]
+    if not len(p):
+        raise ValueError("Expected at least one pressure between 100 and 1200 hPa.")
+    return BaroReference("init", height - float(median(_standard_height(p))), samples=len(p))
+
+
+def reference_from_gnss(
+    time_ns: ArrayLike, pressure: ArrayLike, gnss_time_ns: ArrayLike, gnss_height: ArrayLike
+) -> BaroReference | None:
+    """Heights set by GNSS: its median over the first 30 s, and the day's scale where it shows.
+
+    Parameters
+    ----------
+    time_ns : array_like of int, shape (n,)
+        Increasing.
+    pressure : array_like, shape (n,)
+        Pa.
+    gnss_time_ns : array_like of int, shape (m,)
+        Of valid 3-D fixes, increasing.
+    gnss_height : array_like, shape (m,)
+        Above the ellipsoid, m; NaN rows are left out.
+
+    Returns
+    -------
+    BaroReference or None
+        With ``fit`` set wherever a fit was possible; its scale and offset are used where
+        ``fit.applied``. None if no fix falls between two pressures.
+    """
+    standard, heights, times = _paired(time_ns, pressure, gnss_time_ns, gnss_height)
+    if not len(times):
+        return None
+    early = times - times[0] <= round(GNSS_WINDOW * 1e9)
+    offset = float(median(heights[early] - standard[early]))
+    reference = BaroReference("gnss", offset, samples=int(np.count_nonzero(early)))
+    if len(times) < 10:
+        return reference
+    fit = fit_scale(standard, heights)
+    reference = replace(reference, fit=fit)
+    if fit.applied:
+        reference = replace(reference, offset=fit.offset, scale=fit.scale, samples=fit.samples)
+    return reference
+
+
+def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
+    """Fit ``h_GNSS = offset + scale * h`` with Huber's loss.
+
+    Parameters
+    ----------
+    standard_height : array_like, shape (n,)
+        Geometric height of a standard day, m.
+    gnss_height : array_like, shape (n,)
+        m.
+    """
+    h = np.asarray(standard_height, dtype=np.float64)
+    g = np.asarray(gnss_height, dtype=np.float64)
+    centre, level = float(median(h)), float(median(g))
+    low, high = quantile(g, 0.01), quantile(g, 0.99)
+    # The scale is searched per 100 m, so that both unknowns are of one size.
+    x = (h - centre) / 100.0
+    found, spread = np.array([0.0, 100.0]), 10.0
+    # What is an outlier shows once a line is laid
+    for _ in range(2):
+        found = _huber_line(x, g - level, found, max(1.345 * spread, 0.1))
+        rest = g - level - found[0] - found[1] * x
+        spread = min(1.4826 * float(median(np.abs(rest - median(rest)))), 10.0)
+    scale = float(found[1]) / 100.0
+    applied = high - low > MIN_SCALE_RANGE and SCALE_BOUNDS[0] <= scale <= SCALE_BOUNDS[1]
+    return ScaleFit(
+        offset=level + float(found[0]) - scale * centre,
+        scale=scale,
+        height_range=float(high - low),
+        samples=len(h),
+        applied=bool(applied),
+    )
+
+
+def _huber_line(x: FloatArray, y: FloatArray, start: FloatArray, limit: float) -> FloatArray:
+    """Offset and slope of a line of which rows further off than a limit count by the distance.
+
+    Least squares with the weights that follow from the last line, until it stays [1]_.
+
+    References
+    ----------
+    .. [1] P. J. Huber, "Robust Statistics", 1981, section 7.8.
+    """
+    found = start
+    for _ in range(_HUBER_ROUNDS):
+        off = np.abs(y - found[0] - found[1] * x)
+        weight = limit / np.maximum(off, limit)
+        whole = weight.sum()
+        mean_x, mean_y = (weight @ x) / whole, (weight @ y) / whole
+        spread = weight @ (x - mean_x) ** 2
+        slope = weight @ ((x - mean_x) * (y - mean_y)) / spread if spread > 0.0 else found[1]
+        before, found = found, np.array([mean_y - slope * mean_x, slope])
+        if np.abs(found - before).max() <= _HUBER_CLOSE:
+            break
+    return found
+
+
+def _standard_height(pressure: ArrayLike) -> FloatArray:
+    p = np.asarray(pressure, dtype=np.float64)
+    return geometric(pressure_altitude(np.where(pressure_reason(p) == ACCEPTED, p, np.nan)))
+
+
+def _paired(
+    time_ns: ArrayLike, pressure: ArrayLike, gnss_time_ns: ArrayLike, gnss_height: ArrayLike
+) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Standard heights at the times of GNSS heights, those heights, and the times."""
+    stamps = np.asarray(time_ns, dtype=np.int64)
+    p = np.asarray(pressure, dtype=np.float64)
+    good = pressure_reason(p) == ACCEPTED
+    stamps, h = stamps[good], _standard_height(p[good])
+    times = np.asarray(gnss_time_ns, dtype=np.int64)
+    heights = np.asarray(gnss_height, dtype=np.float64)
+    if not len(stamps):
+        return np.empty(0), np.empty(0), np.empty(0, np.int64)
+    keep = np.isfinite(heights) & (times >= stamps[0]) & (times <= stamps[-1])
+    times, heights = times[keep], heights[keep]
+    seconds = (stamps - stamps[0]) * 1e-9
+    return np.interp((times - stamps[0]) * 1e-9, seconds, h), heights, times
+
+
+@dataclass(frozen=True)
+class HeightReference:
+    """Heights that damp the vertical channel.
+
+    Attributes
+    ----------
+    kind : {'baro', 'gnss'}
+    time_ns : ndarray of int64, shape (m,)
+        When measured, in the order of arrival.
+    height : ndarray, shape (m,)
+        Above the ellipsoid as far as the reference says, m.
+    reason : ndarray of int64, shape (m,)
+        Why a sample is not to be used; 0 where it is.
+    sigma : float
+        Median of what the sensor says of its own noise, m; 0 where it says nothing.
+    """
+
+    kind: Literal["baro", "gnss"]
+    topic: str
+    time_ns: np.ndarray
+    height: np.ndarray
+    reason: np.ndarray
+    sigma: float
+    baro: BaroReference | None
+
+    @property
+    def arrival_ns(self) -> np.ndarray:
+        """Times at which samples are used, shape (m,), in the order of their stamps."""
+        return np.asarray(np.maximum.accumulate(self.time_ns))
