@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.order_statistics import median, quantile
 from sinstool.core.rotation import wrapped
@@ -29,8 +29,8 @@ QUARTILE = 0.75
 LONGEST_S, LEAST = 120.0, 5
 # Samples further apart than this are not integrated across, s.
 APART_S = 2.0
-# A fix so many times further off the middle of so many to either side than usual is a bad one.
-SPIKE, AROUND = 15.0, 2
+# Fixes to either side that the difference of a fix and the velocity's integral is a median of.
+AROUND = 2
 # What is left of the ways' squares where an explanation holds.
 EXPLAINED = 0.1
 BODY_FRAMES = ("base_link", "base_footprint", "base", "body")
@@ -86,8 +86,7 @@ def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
     run = np.interp(seconds, t, way.real) + 1j * np.interp(seconds, t, way.imag)
     hole = holes[np.searchsorted(t, seconds, "right") - 1]
     sigma = usual_noise(fixes)
-    good = ~_spikes(place - run, sigma)
-    seconds, place, run, hole = seconds[good], place[good], run[good], hole[good]
+    place = run + _middle(place - run)
     for metres, sigmas, most in (LONG, SHORT):
         ends = _windows(seconds, place, run, max(metres, sigmas * sigma))
         begin, end = ends[hole[ends[:, 0]] == hole[ends[:, 1]]].T
@@ -102,17 +101,15 @@ def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
     return Agreement()
 
 
-def _spikes(off: NDArray[np.complex128], sigma: float) -> BoolArray:
-    """Fixes far off their neighbours, whatever the velocity: single bad ones, shape (n,).
+def _middle(off: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Running median of differences, north and east, shape (n,), which no single bad fix moves.
 
-    A wrong velocity makes a difference that grows; a bad fix is off by itself. Left in, each is a
-    long way that no velocity explains.
+    A wrong velocity makes a difference that grows; a bad fix is off by itself. Left in, bad fixes
+    are ways that no velocity explains, and where a vehicle hardly moves the only long ones.
     """
     padded = np.pad(off, AROUND, "edge")
     near = np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1)
-    middle = median(near.real, axis=1) + 1j * median(near.imag, axis=1)
-    away = np.abs(off - middle)
-    return np.asarray(away > SPIKE * max(float(median(away)), sigma))
+    return np.asarray(median(near.real, axis=1) + 1j * median(near.imag, axis=1))
 
 
 def usual_noise(fixes: Gnss) -> float:

@@ -11,7 +11,16 @@ from sinstool.io.readers import open_log
 from sinstool.survey.gnss import read_gnss
 from sinstool.survey.velocity import agreement, odd_frame
 from tests.helpers.imulogs import T0, header, serialised, store
-from tests.helpers.unseen_drives import DEG, LEVER, PERFECT, drive, fix_messages, record, write
+from tests.helpers.unseen_drives import (
+    DEG,
+    LEVER,
+    PERFECT,
+    drive,
+    fix_messages,
+    record,
+    walk,
+    write,
+)
 from tests.helpers.unseen_vehicles import helicopter
 
 DURATION = 240.0
@@ -92,15 +101,18 @@ def test_a_right_velocity_agrees_however_noisy_the_fixes_and_late(roads, sigma, 
         assert result.misfit is not None and result.misfit < 0.25, (seed, result)
 
 
+@pytest.mark.parametrize(
+    ("make", "sigma", "metres"), [(helicopter, 0.3, 234.0), (walk, 0.67, 9.0), (walk, 0.67, 14.0)]
+)
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.1])
-def test_bad_fixes_say_nothing_against_a_velocity(share):
+def test_bad_fixes_say_nothing_against_a_velocity(make, sigma, metres, share):
     """Of a slow vehicle each would be a longer way than those it drives."""
     for seed in range(4):
-        truth = helicopter(seed, DURATION)
-        fixes, velocity = measured(truth, seed, 0.3, rate=1.0)
+        truth = make(seed, DURATION)
+        fixes, velocity = measured(truth, seed, sigma, rate=1.0)
         random = np.random.default_rng(seed)
         bad = random.random(len(fixes.latitude)) < share
-        latitude = fixes.latitude + bad * random.choice([-1.0, 1.0], len(bad)) * 234.0 / 6.37e6
+        latitude = fixes.latitude + bad * random.choice([-1.0, 1.0], len(bad)) * metres / 6.37e6
         spoilt = replace(fixes, latitude=latitude)
         assert not agreement(spoilt, velocity).contradicts, seed
         wrong = replace(velocity, velocity_n=turned(velocity.velocity_n, -1.2))
