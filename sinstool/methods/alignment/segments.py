@@ -9,6 +9,7 @@ import numpy as np
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import take_rows
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment import gate, preparation
 from sinstool.methods.alignment.accumulation import accumulate
 from sinstool.methods.alignment.covariance import worst_sigma
@@ -22,6 +23,7 @@ from sinstool.methods.alignment.solution import (
     solution_covariance,
     solve,
 )
+from sinstool.methods.sensor_errors import LIKELY, SensorGrade
 
 MANY_REJECTED = 0.2
 NEIGHBOURS = 5
@@ -68,7 +70,9 @@ class Candidate:
         return self.rejected > MANY_REJECTED * (self.rejected + len(self.fixes))
 
 
-def plausible_fixes(alpha: FloatArray, beta: FloatArray, sigma: FloatArray) -> BoolArray:
+def plausible_fixes(
+    alpha: FloatArray, beta: FloatArray, sigma: FloatArray, share: float = LENGTH_SHARE
+) -> BoolArray:
     """Fixes whose velocity agrees with most of its neighbours; needs no attitude.
 
     A rotation leaves lengths as they are: between two fixes the integrated vector must be as long
@@ -80,12 +84,14 @@ def plausible_fixes(alpha: FloatArray, beta: FloatArray, sigma: FloatArray) -> B
         Both integrated sides at the fixes, m/s.
     sigma : ndarray, shape (n,)
         Velocity noise, m/s per axis.
+    share : float, optional
+        By which the accelerometers may be off, as a fraction of the specific force.
 
     Returns
     -------
     ndarray of bool, shape (n,)
         At least half of the tests against up to 5 fixes on each side pass:
-        ``| |d beta| - |d alpha| | <= 5 sqrt(s_k^2 + s_j^2) + 0.002 |d alpha|``. A fix without
+        ``| |d beta| - |d alpha| | <= 5 sqrt(s_k^2 + s_j^2) + share |d alpha|``. A fix without
         neighbours passes.
     """
     count = len(alpha)
@@ -93,13 +99,19 @@ def plausible_fixes(alpha: FloatArray, beta: FloatArray, sigma: FloatArray) -> B
     for shift in range(1, min(NEIGHBOURS, count - 1) + 1):
         length_a = np.linalg.norm(alpha[shift:] - alpha[:-shift], axis=-1)
         length_b = np.linalg.norm(beta[shift:] - beta[:-shift], axis=-1)
-        limit = SIGMAS * np.hypot(sigma[shift:], sigma[:-shift]) + LENGTH_SHARE * length_a
+        limit = SIGMAS * np.hypot(sigma[shift:], sigma[:-shift]) + share * length_a
         good = np.abs(length_b - length_a) <= limit
         passed[shift:] += good
         passed[:-shift] += good
         tests[shift:] += 1
         tests[:-shift] += 1
     return np.asarray(2.0 * passed >= tests)
+
+
+def _share(grade: SensorGrade) -> float:
+    """By how much accelerometers may be off, as a fraction of a specific force of about 1 g."""
+    likely = LIKELY * float(np.hypot(grade.accel_scale, grade.accel_bias / STANDARD_GRAVITY))
+    return max(LENGTH_SHARE, likely)
 
 
 def candidates(
@@ -142,7 +154,8 @@ def candidates(
     )
     good = np.ones(len(rows), dtype=bool)
     if settings.screen and settings.vectors != "pos":
-        good = plausible_fixes(rows.alpha, everything.beta(), everything.sigma)
+        share = _share(settings.grade)
+        good = plausible_fixes(rows.alpha, everything.beta(), everything.sigma, share)
     edges, _ = preparation.gap_edges(rows.time_s[good])
     borders = rows.time_s[good][edges]
     begin_s = np.concatenate([[-np.inf], borders])
