@@ -107,7 +107,7 @@ def test_along_the_track_and_across_it():
 
 
 def test_samples_of_another_time():
-    """As likely as not 5 ms off, at 0.2 rad/s; position too, if the fixes are timed against them."""
+    """As likely as not 5 ms off, at 0.2 rad/s; position too, if fixes are timed against them."""
     rate = np.tile([0.0, 0.0, 0.2], (400, 1))
     solution = replace(turning(), omega_ib_b=rate)
     answer = OffsetsError(np.zeros((4, 4)), sample_s=0.005).added(solution)
