@@ -287,7 +287,8 @@ def test_a_stop_that_lasts(tmp_path):
     gyro[:, 1] -= rate + 0.3 * np.sin(0.003 * np.arange(n))
     accel = [0.0, 0.0, 9.81] + 0.02 * random.standard_normal((n, 3))
     stopped = coarse(np.clip(gyro, -7.85, 7.85), 2e-4)
-    assert look(imu_log(tmp_path / "a.mcap", even_times(n), stopped, accel)).saturated == ("gyro y",)
+    s = look(imu_log(tmp_path / "a.mcap", even_times(n), stopped, accel))
+    assert s.saturated == ("gyro y",)
     assert look(imu_log(tmp_path / "b.mcap", even_times(n), gyro, accel)).saturated == ()
     # A turntable at one rate, of a gyro whose steps are larger than its noise, is at no stop.
     table = coarse(gyro * [1.0, 0.0, 1.0] + np.outer(rate, [0.0, 1.0, 0.0]), 0.01)
