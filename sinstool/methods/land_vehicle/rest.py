@@ -22,7 +22,7 @@ WINDOW = 10
 STANDS, MOVES, UNSURE = 0.1, 1.0, 0.3
 # Windows that show what standing, or moving, is like.
 LEAST_WINDOWS = 20
-# A body that turns faster, rad/s, by ten sigmas of what a rest allows, does not stand; over so long.
+# A body that turns faster over so long, rad/s, by ten sigmas of what a rest allows, does not stand.
 TURNS, TURNING_NS = 10.0 * REST_RATE, 1_000_000_000
 # Quantiles between whose means the threshold lies.
 STANDING_QUANTILE, MOVING_QUANTILE = 0.9, 0.01
