@@ -156,9 +156,7 @@ def even_stamps(blocks: Iterable[Imu], increments: bool, surely: bool = False) -
     if seen < 2 * LEAST_SAMPLES:
         return None
     stamp_ns = np.concatenate(stamps)
-    # Where few are missing, most stretches of so many samples have them all
-    apart = stamp_ns[LEAST_SAMPLES:] - stamp_ns[:-LEAST_SAMPLES]
-    interval_ns = float(np.median(apart)) / LEAST_SAMPLES
+    interval_ns = _usual_interval(stamp_ns)
     if interval_ns < LEAST_NS:
         return None
     even = _lines(stamp_ns, interval_ns)
@@ -167,6 +165,18 @@ def even_stamps(blocks: Iterable[Imu], increments: bool, surely: bool = False) -
     if not _steady(even, stamp_ns):
         return None
     return None if _right(even, concatenate(shown), increments) else even
+
+
+def _usual_interval(stamp_ns: IntArray) -> float:
+    """Interval of most samples, ns: where few are missing, most stretches have them all.
+
+    Halves of stretches are compared by their means. Of samples that come in batches, a single
+    stamp is late by up to a batch, and always by as much where the batches divide a stretch.
+    """
+    half = LEAST_SAMPLES // 2
+    sums = np.concatenate([[0], np.cumsum(stamp_ns - stamp_ns[0])])
+    means = (sums[half:] - sums[:-half]) / half
+    return float(np.median(means[half:] - means[:-half])) / half
 
 
 def _lines(stamp_ns: IntArray, interval_ns: float) -> EvenStamps:

@@ -40,9 +40,12 @@ from sinstool.survey.unit_evidence import UnitEvidence, unit_evidence
 
 BLOCK_ROWS = 16384
 BURSTY_SHARE = 0.05
-# Several samples at the largest value are a stop, unless the axis is always about there.
+# Several samples at the largest value are a stop, unless as many are just below it, as where a slow
+# motion turns back, or the axis is always about there. But if its values otherwise change from
+# sample to sample, nothing else than a stop holds one for so many.
 SATURATION_RUN = 3
 SATURATION_RATIO = 2.0
+HELD_RUN, CHANGING = 20, 0.5
 # A clock was set back where samples alternate between two times this often for each step back.
 SET_BACK_RATIO = 10
 
@@ -363,7 +366,7 @@ def _conclude(
     saturated = tuple(
         name
         for name, row, size in zip(names, tally.extremes, usual, strict=True)
-        if row[1] >= SATURATION_RUN and row[0] > SATURATION_RATIO * size
+        if _stopped(row, size)
     )
     constant = tally.orientation is not None and not tally.orientation_varies and tally.count > 1
     placeholder = constant and _is_identity(tally.orientation, body_axes)
@@ -409,6 +412,14 @@ def _conclude(
         frame_id=frame,
         gyro_unit=unit_evidence(windows),
     )
+
+
+def _stopped(row: np.ndarray, usual: float) -> bool:
+    """Whether the largest value of an axis is the end of its range; columns as in `Tally`."""
+    largest, run, _, _, _, at_largest, just_below, others, changed = row.tolist()
+    if run < SATURATION_RUN or at_largest <= just_below:
+        return False
+    return largest > SATURATION_RATIO * usual or (run >= HELD_RUN and changed > CHANGING * others)
 
 
 def _is_identity(q_nb: np.ndarray | None, body_axes: str) -> bool:

@@ -21,7 +21,9 @@ _BINS = int((_HIGH - _LOW) / _STEP) + 1
 _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_LISTED = 1000
 # Columns: see `_extremes`
-_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf]
+_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, 0.0, 0.0, 0.0, 0.0]
+# Values are just below the largest if so many steps below it at most.
+NEAR_STEPS = 8.0
 # Orientations are kept for so long, one of each window, to be held against the other sensors.
 ORIENTED_NS = 20_000_000_000
 
@@ -179,7 +181,8 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
     A repeated sample is no measurement and makes no run longer.
 
     Columns of ``state``: largest magnitude, longest run at it, present run, last value, smallest
-    step from one value to another.
+    step from one value to another, values at the largest magnitude and just below it, and, of all
+    others, how many there are and how many differ from the one before.
     """
     held = 0
     for i in range(gyro.shape[0]):
@@ -197,14 +200,28 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
             if 0.0 < step < state[a, 4]:
                 state[a, 4] = step
             size = abs(value)
+            near = NEAR_STEPS * state[a, 4]
             if size > state[a, 0]:
+                # What was the largest is below it now: just below, or one of the others
+                if size <= state[a, 0] + near:
+                    state[a, 6] += state[a, 5]
+                else:
+                    state[a, 6] = 0.0
                 state[a, 0] = size
                 state[a, 1] = 1.0
                 state[a, 2] = 1.0
+                state[a, 5] = 1.0
             elif size == state[a, 0]:
                 state[a, 2] += 1.0
                 state[a, 1] = max(state[a, 1], state[a, 2])
+                state[a, 5] += 1.0
             else:
                 state[a, 2] = 0.0
+                if size >= state[a, 0] - near:
+                    state[a, 6] += 1.0
+                else:
+                    state[a, 7] += 1.0
+                    if step > 0.0:
+                        state[a, 8] += 1.0
             state[a, 3] = value
     return held

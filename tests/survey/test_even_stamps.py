@@ -58,6 +58,30 @@ def test_stamps_of_receipt_give_even_times(seed, scale_ms):
     np.testing.assert_allclose(np.diff(out.time_ns), INTERVAL, rtol=2e-3 * scale_ms)
 
 
+@pytest.mark.parametrize("batch", range(2, 13))
+@pytest.mark.parametrize("lost", [0.0, 0.003])
+def test_samples_that_come_in_batches_are_even(batch, lost):
+    """A bus hands over several at once: only the last of a batch is stamped in time.
+
+    Nothing is missing but what was lost, at most as often as there are two together.
+    """
+    random, time_ns = np.random.default_rng(batch), even_times()
+    kept = random.uniform(size=len(time_ns)) >= lost
+    number = np.arange(len(time_ns)) // batch
+    last = np.minimum((number + 1) * batch, len(time_ns)) - 1
+    arrival = time_ns[last] + late_by(random, len(time_ns), MS)[number]
+    stamps = (arrival + MS // 10 * (np.arange(len(time_ns)) - last))[kept]
+    imu = samples(stamps, time_ns[kept])
+    even = even_stamps([imu], False)
+    assert even is not None
+    missing = np.sum(~kept)
+    assert sum(seconds for _, seconds in even.gaps) <= 2.0 * missing * INTERVAL * 1e-9
+    assert even.usual_ns == pytest.approx(INTERVAL, rel=5e-3 if lost else 1e-4)
+    (out,) = even.applied([imu])
+    # A batch waits as a whole: on average for half of it
+    assert np.std(out.time_ns - time_ns[kept]) < (1.0 if lost else 0.15) * INTERVAL
+
+
 def test_samples_that_were_taken_at_their_stamps_keep_them():
     """A computer that asks at uneven times: the rates follow the stamps."""
     random, time_ns = np.random.default_rng(2), even_times()

@@ -260,6 +260,41 @@ def test_saturation(tmp_path):
     assert s.saturated == ("gyro y", "accelerometer x")
 
 
+def coarse(values, step=0.001):
+    return np.round(values / step) * step
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_coarse_steps_are_no_stop(tmp_path, seed):
+    """About its largest rate a slow motion stays for many samples, but also a step below it."""
+    random = np.random.default_rng(seed)
+    n = 12_000
+    t = 0.01 * np.arange(n)
+    f, phase = random.uniform(0.01, 0.1, (6, 3)), random.uniform(size=(6, 3))
+    gyro = 0.1 * np.sin(2 * np.pi * (f * t[:, None, None] + phase)).sum(axis=1)
+    gyro = coarse(gyro + 0.0005 * random.standard_normal((n, 3)))
+    accel = coarse([0.0, 0.0, 9.81] + 0.02 * random.standard_normal((n, 3)))
+    s = look(imu_log(tmp_path / "a.mcap", even_times(n), gyro, accel))
+    assert s.saturated == ()
+
+
+def test_a_stop_that_lasts(tmp_path):
+    """A wheel turns a little faster than its gyro's range for most of the log, at either sign."""
+    random = np.random.default_rng(5)
+    n = 8000
+    rate = 8.5 * np.clip((np.arange(n) - 1000) / 2000, 0.0, 1.0)
+    gyro = 0.002 * random.standard_normal((n, 3))
+    gyro[:, 1] -= rate + 0.3 * np.sin(0.003 * np.arange(n))
+    accel = [0.0, 0.0, 9.81] + 0.02 * random.standard_normal((n, 3))
+    stopped = coarse(np.clip(gyro, -7.85, 7.85), 2e-4)
+    s = look(imu_log(tmp_path / "a.mcap", even_times(n), stopped, accel))
+    assert s.saturated == ("gyro y",)
+    assert look(imu_log(tmp_path / "b.mcap", even_times(n), gyro, accel)).saturated == ()
+    # A turntable at one rate, of a gyro whose steps are larger than its noise, is at no stop.
+    table = coarse(gyro * [1.0, 0.0, 1.0] + np.outer(rate, [0.0, 1.0, 0.0]), 0.01)
+    assert look(imu_log(tmp_path / "c.mcap", even_times(n), table, accel)).saturated == ()
+
+
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
 
 

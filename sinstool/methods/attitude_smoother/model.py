@@ -100,6 +100,8 @@ class SensorModel:
     rate_error : float
         Errors in proportion to the rate (scale factor, misalignment, timing): the variance of
         attitude grows by its square times the integral of the squared rate.
+    gyro_scale, gyro_misalignment : float
+        The part of them that lasts: a heading that turns on and on is off in proportion.
     bias_walk : float
         rad/s/sqrt(s).
     bias : float
@@ -124,6 +126,8 @@ class SensorModel:
 
     angle_random_walk: float = 3e-4
     rate_error: float = 3e-3
+    gyro_scale: float = IMU_GRADES["mems"].gyro_scale
+    gyro_misalignment: float = IMU_GRADES["mems"].gyro_misalignment
     bias_walk: float = 1e-5
     bias: float = 0.03
     bias_mean: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -217,6 +221,8 @@ def sensor_model(
     return SensorModel(
         angle_random_walk=walk,
         rate_error=sqrt(of.gyro_scale**2 + of.gyro_misalignment**2),
+        gyro_scale=of.gyro_scale,
+        gyro_misalignment=of.gyro_misalignment,
         bias_walk=max(wander, turning),
         bias=max(bias, 0.0 if earth_removed else EARTH_RATE),
         zero_rate=of.gyro_instability,

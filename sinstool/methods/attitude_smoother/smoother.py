@@ -12,7 +12,7 @@ from sinstool.core.order_statistics import median
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_dcm
 from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.correction import Correction
-from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs, merged
+from sinstool.methods.attitude_smoother.epochs import ACCEL, GYRO, JB, Epochs, merged
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
@@ -118,7 +118,10 @@ def smooth(
             max(sensors.accel_bias, poor), _gravity_shown(epochs, smoothed), prior.gravity
         )
         attitude[:, [0, 1], [0, 1]] += (sigma / GRAVITY) ** 2
-    attitude[:, 2, 2] += prior.heading**2 if north is None else north.variance
+    if north is None:
+        attitude[:, 2, 2] += prior.heading**2 + _turned_wrongly(epochs, smoothed, sensors)
+    else:
+        attitude[:, 2, 2] += north.variance
     # No heading is less certain than one that is uniform over a whole turn.
     share = np.minimum(1.0, UNKNOWN_HEADING / np.sqrt(attitude[:, 2, 2]))[:, None]
     attitude[:, 2, :] *= share
@@ -133,6 +136,23 @@ def smooth(
         sigma,
         smoothed[-1, state.A : state.A + 3].copy() if motion.finds_bias else None,
     )
+
+
+def _turned_wrongly(epochs: Epochs, smoothed: FloatArray, sensors: SensorModel) -> FloatArray:
+    """Variance of heading since the start for gyros whose scale and axes are constantly off, rad^2.
+
+    What the i-th gyro feels of the j-th axis adds up over the log, and goes again where the body
+    turns back. Gravity shows none of it.
+    """
+    rows = epochs.values
+    turned = rows[:, JB : JB + 9].reshape(-1, 3, 3)
+    vertical = np.einsum("ni,nij->nj", smoothed[:-1, 6:9], turned)
+    vertical[epochs.gap] = 0.0
+    rate = rows[:, GYRO : GYRO + 3] - smoothed[:-1, state.B : state.B + 3]
+    felt = np.cumsum(vertical[:, :, None] * rate[:, None, :], axis=0)
+    sigma = np.full((3, 3), sensors.gyro_misalignment)
+    sigma[np.diag_indices(3)] = sensors.gyro_scale
+    return np.concatenate([[0.0], np.einsum("nij,ij->n", felt**2, sigma**2)])
 
 
 def _turns(q: FloatArray) -> FloatArray:

@@ -1,8 +1,9 @@
-"""Error of a solution whose fixes are used at wrong times, or of an antenna that is elsewhere.
+"""Error of a solution whose fixes or samples are used at wrong times, or of an antenna elsewhere.
 
 A filter follows its fixes: where the latency is wrong the whole solution is early or late, and
 where the lever arm is, it lies beside the track. Innovations hardly show either, and no state
-stands for them.
+stands for them. So it is with the samples of the Imu: where each may be a mean until its stamp or a
+rate at it, the two attitudes are half a sample apart.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import dcm
+from sinstool.core.rotation import rotate
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
 
@@ -36,6 +38,10 @@ class OffsetsError:
     turned : array_like, shape (3, 4, 4), optional
         Mean products of what each axis of attitude, NED, is off by for each part of b, rad; see
         :class:`~sinstool.methods.ins_gnss.receiver_offsets.ReceiverOffsets`.
+    sample_s : float, optional
+        By how much the samples of the Imu may be of another time, s, as likely as not.
+    shared : bool, optional
+        The latency is that of the fixes against these samples: so is position then.
 
     Attributes
     ----------
@@ -43,12 +49,22 @@ class OffsetsError:
         What has been added most to the sigma of a position for the latency alone.
     """
 
-    def __init__(self, moment: ArrayLike, turned: ArrayLike | None = None) -> None:
-        self._moment = np.asarray(moment, dtype=np.float64)
+    def __init__(
+        self,
+        moment: ArrayLike,
+        turned: ArrayLike | None = None,
+        sample_s: float = 0.0,
+        shared: bool = False,
+    ) -> None:
+        self._moment = np.array(moment, dtype=np.float64)
         self.largest_m = 0.0
         self._attitude = np.zeros((3, 3))
         if turned is not None:
             self._attitude = np.diag(np.einsum("iab,ab->i", np.asarray(turned), self._moment))
+        self._latency_s = float(np.sqrt(self._moment[0, 0]))
+        self._other_time = 0.5 * sample_s**2
+        if shared:
+            self._moment[0, 0] += self._other_time
         self._time_ns = np.empty(0, np.int64)
         self._shift = np.empty((0, 3, 4))
 
@@ -56,9 +72,15 @@ class OffsetsError:
         """The next solutions, in the order of time, with covariances that admit the error."""
         position, velocity = solution.covariance_position_n, solution.covariance_velocity_n
         attitude, v = solution.covariance_attitude_n, solution.velocity_n
-        if not self._moment.any() or not len(solution) or v is None:
+        if not len(solution) or attitude is None:
             return solution
-        assert position is not None and velocity is not None and attitude is not None
+        if self._other_time:
+            rate = rotate(solution.q_nb, solution.omega_ib_b)
+            attitude = attitude + self._other_time * rate[:, :, None] * rate[:, None, :]
+            solution = replace(solution, covariance_attitude_n=attitude)
+        if not self._moment.any() or v is None:
+            return solution
+        assert position is not None and velocity is not None
         kept = len(self._time_ns)
         time = np.concatenate([self._time_ns, solution.time_ns])
         shift = np.concatenate([self._shift, np.empty((len(solution), 3, 4))])
@@ -67,7 +89,7 @@ class OffsetsError:
         change = np.empty((3, 4))
         _add(time, shift, kept, HELD_NS, self._moment, change, position, velocity)
         speed = np.linalg.norm(v, axis=1).max()
-        self.largest_m = max(self.largest_m, float(np.sqrt(self._moment[0, 0]) * speed))
+        self.largest_m = max(self.largest_m, float(self._latency_s * speed))
         latest = slice(max(int(np.searchsorted(time, time[-1] - HELD_NS)) - 1, 0), None)
         self._time_ns, self._shift = time[latest], shift[latest].copy()
         return replace(

@@ -13,7 +13,8 @@ import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.chi_square import MEDIAN_SQUARE
-from sinstool.methods.ins_gnss.constraints import STEP_NS
+from sinstool.core.rotation import conjugate, from_dcm, log, multiply
+from sinstool.methods.ins_gnss.constraints import REST_RATE, STEP_NS
 from sinstool.methods.land_vehicle.track import LONGEST_NS, Means, Track, between, within
 
 # Steps of a window over which rate and force are compared: 1 s.
@@ -22,6 +23,8 @@ WINDOW = 10
 STANDS, MOVES, UNSURE = 0.1, 1.0, 0.3
 # Windows that show what standing, or moving, is like.
 LEAST_WINDOWS = 20
+# A body that turns faster over so long, rad/s, by ten sigmas of what a rest allows, does not stand.
+TURNS, TURNING_NS = 10.0 * REST_RATE, 1_000_000_000
 # Quantiles between whose means the threshold lies.
 STANDING_QUANTILE, MOVING_QUANTILE = 0.9, 0.01
 # A threshold that standing windows exceed by as much as moving ones do tells nothing.
@@ -109,7 +112,8 @@ def find_rests(means: Means, track: Track) -> Rests:
     sigma = between(track, track.speed_sigma, means.time_ns, LONGEST_NS)
     shown = np.isfinite(speed) & (sigma < UNSURE) & np.isfinite(spread).all(axis=1)
     half = WINDOW // 2
-    stands = shown & ~within(~(shown & (speed < STANDS + sigma)), half, half)
+    turns = between(track, _turning(track), means.time_ns, LONGEST_NS) > TURNS
+    stands = shown & ~turns & ~within(~(shown & (speed < STANDS + sigma)), half, half)
     moves = shown & (speed - 2.0 * sigma > MOVES)
     thresholds, reason = _thresholds(spread, stands, moves)
     if not thresholds.any():
@@ -118,7 +122,7 @@ def find_rests(means: Means, track: Track) -> Rests:
         quiet = (spread < np.where(thresholds > 0.0, np.minimum(thresholds, MOST), MOST)).all(
             axis=1
         )
-    quiet &= np.isfinite(spread).all(axis=1)
+    quiet &= np.isfinite(spread).all(axis=1) & ~turns
     stands = within(np.asarray(quiet), half, half)
     # The fixes may overrule the IMU: a smooth road
     quiet &= ~(shown & (speed > STANDS + 3.0 * sigma))
@@ -126,6 +130,15 @@ def find_rests(means: Means, track: Track) -> Rests:
     rest &= ~_near_ends(len(rest), quiet)
     gyro, accel = thresholds.tolist()
     return Rests(rest, rest & shown, stands, gyro, accel, reason)
+
+
+def _turning(track: Track) -> FloatArray:
+    """By how much the attitude turns about each row, rad/s; what is slow and smooth is no bias."""
+    time_ns, q = track.time_ns, from_dcm(track.dcm_nb)
+    before = np.maximum(np.searchsorted(time_ns, time_ns - TURNING_NS, "right") - 1, 0)
+    after = np.minimum(np.searchsorted(time_ns, time_ns + TURNING_NS), len(time_ns) - 1)
+    angle = np.linalg.norm(log(multiply(conjugate(q[before]), q[after])), axis=1)
+    return np.asarray(angle / ((time_ns[after] - time_ns[before]) * 1e-9))
 
 
 def _near_ends(length: int, quiet: BoolArray) -> BoolArray:

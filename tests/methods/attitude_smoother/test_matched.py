@@ -149,7 +149,7 @@ def test_nothing_is_ever_learnt_of_heading(motion, rest):
 
 
 def test_heading_gets_less_certain_by_the_noise_of_the_gyros_alone():
-    known = replace(SENSORS, bias=0.0, bias_walk=0.0)
+    known = replace(SENSORS, bias=0.0, bias_walk=0.0, gyro_scale=0.0, gyro_misalignment=0.0)
     log_ = drawn(VEHICLE, known, 120.0, 2, turning=0.3)
     epochs = epochs_of(log_.solution)
     heading = smoother.smooth(epochs, VEHICLE, known).covariance_n[:, 2, 2]

@@ -6,11 +6,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import Solution, concatenate
 from sinstool.methods.ins_gnss.offsets_error import OffsetsError
 from sinstool.pipelines.process.ins_gnss.settings_used import late_or_early
 from tests.helpers.filter_logs import run
-from tests.helpers.unseen_drives import GRADES, LEVER, T0, flight, record, write
+from tests.helpers.unseen_drives import GRADES, LEVER, T0, flight, multicopter, record, write
 
 LATE = np.diag([1e-4, 0.0, 0.0, 0.0])  # by 10 ms
 
@@ -45,6 +46,33 @@ def test_a_flight_is_as_far_off_as_its_sigmas_say(tmp_path):
     assert np.mean(square / variance) < 2.0 and np.mean(variance) < 0.06**2  # given, it is certain
 
 
+def test_samples_may_be_of_half_a_sample_ago(tmp_path):
+    """Means over 20 ms, read as rates: at 60 deg/s they are 0.6 deg off, as nothing shows."""
+    outside, told = [], []
+    for seed in range(3):
+        truth = multicopter(seed, 120.0)
+        data = record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma_v=0.05)
+        means = [
+            part[1:][: len(part[1:]) // 4 * 4] for part in (data.seconds, data.gyro, data.accel)
+        ]
+        seconds, gyro, accel = (part.reshape(-1, 4, *part.shape[1:]) for part in means)
+        data = replace(
+            data, seconds=seconds[:, -1], gyro=gyro.mean(axis=1), accel=accel.mean(axis=1)
+        )
+        log = write(tmp_path / "log.mcap", data)
+        gnss = {"lever_arm": tuple(LEVER.tolist())}
+        for given, ratios in (({}, outside), ({"gyro_kind": "mean-rate"}, told)):
+            _, solution = run(log, input=dict(given), gnss=dict(gnss), filter={"smooth": True})
+            rows = solution.rows((solution.time_ns - T0) * 1e-9 > 20.0)
+            error = truth.errors_of(
+                (rows.time_ns - T0) * 1e-9, *rows.position.T, rows.velocity_n, to_dcm(rows.q_nb)
+            )[:, 6:8]
+            variance = np.einsum("nii->ni", rows.covariance_attitude_n)[:, :2]
+            ratios.append(np.sqrt(np.mean(error**2 / variance)))
+    assert max(outside) < 2.0 and max(told) < 2.0
+    assert np.mean(outside) > 0.5
+
+
 def test_a_latency_worth_much_more_than_the_fixes_noise_is_told():
     assert late_or_early(0.24, 0.004, 0.05) == []
     (finding,) = late_or_early(0.6, 0.01, 0.05)
@@ -76,6 +104,21 @@ def test_along_the_track_and_across_it():
     assert np.sqrt(late) == pytest.approx(0.01 * 0.2 * 10.0, rel=0.01)
     assert np.all(answer.covariance_attitude_n == 0.0)
     assert OffsetsError(np.zeros((4, 4))).added(solution) is solution
+
+
+def test_samples_of_another_time():
+    """As likely as not 5 ms off, at 0.2 rad/s; position too, if fixes are timed against them."""
+    rate = np.tile([0.0, 0.0, 0.2], (400, 1))
+    solution = replace(turning(), omega_ib_b=rate)
+    answer = OffsetsError(np.zeros((4, 4)), sample_s=0.005).added(solution)
+    assert np.allclose(answer.covariance_attitude_n[:, 2, 2], 0.5 * (0.2 * 0.005) ** 2)
+    assert np.all(answer.covariance_attitude_n[:, :2, :2] == 0.0)
+    assert np.all(answer.covariance_position_n == 0.0)
+    error = OffsetsError(np.zeros((4, 4)), sample_s=0.005, shared=True)
+    answer = error.added(solution)
+    trace = np.einsum("nii->n", answer.covariance_position_n)
+    assert np.allclose(trace, 0.5 * (10.0 * 0.005) ** 2)
+    assert error.largest_m == 0.0  # no latency of the receiver
 
 
 def test_blocks_do_not_matter():

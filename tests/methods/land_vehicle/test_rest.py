@@ -1,7 +1,10 @@
 """Rest by what the IMU feels, with thresholds from the log itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sinstool.methods.ins_gnss.constraints import STEP_NS
 from sinstool.methods.land_vehicle.rest import find_rests, noise_at_rest
@@ -51,6 +54,25 @@ def test_a_boat_whose_rest_feels_like_motion_never_rests():
     rests = find_rests(means, track)
     assert not rests.at.any()
     assert "look alike" in rests.reason
+
+
+@pytest.mark.parametrize("rate", [0.02, 0.1, 0.3])
+def test_what_turns_on_the_spot_does_not_rest(rate):
+    """Smoothly, so that the Imu feels a bias: the attitude of the track turns on."""
+    means, track, speed = a_drive()
+    turns = (speed == 0.0) & (STEP * np.arange(len(speed)) % 120.0 > 60.0)
+    means.rate[turns] += [0.0, 0.0, rate]
+    heading = np.zeros((len(turns), 3))
+    heading[:, 2] = np.cumsum(np.where(turns, rate, 0.0)) * STEP
+    dcm = Rotation.from_rotvec(heading).as_matrix()
+    rests = find_rests(means, replace(track, dcm_nb=dcm[::10]))
+    assert not (rests.at & turns).any() and not (rests.stands & turns)[20:].all()
+    still = (speed == 0.0) & ~turns
+    assert rests.at[still].mean() > 0.7
+    # A bias alone is no turn
+    means, track, speed = a_drive()
+    means.rate[:] += [0.0, 0.0, rate]
+    assert find_rests(means, track).at[speed == 0.0].mean() > 0.7
 
 
 def test_fixes_that_move_overrule_a_smooth_road():

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.helpers import unseen_drives
-from tests.helpers.imulogs import G, even_times
+from tests.helpers.imulogs import G, even_times, imu_log
 from tests.helpers.unseen_vehicles import glider, motorcycle
-from tests.pipelines.process.test_smoothing import RATE, Hand, smoothed
+from tests.pipelines.process.test_smoothing import RATE, Hand, run, smoothed, written
 
 FLU = np.diag([1.0, -1.0, -1.0])
 ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -91,3 +91,33 @@ def test_whether_a_sample_is_a_mean_or_a_rate_is_in_the_sigma(tmp_path, seed):
     moving = slice(len(off) // 3, None)
     before, after = (np.median(np.trace(c[moving], axis1=1, axis2=2)) for c in (covariance, surer))
     assert after < 0.8 * before
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_heading_that_turns_on_and_on_is_off_in_proportion(tmp_path, seed):
+    """A tilted sensor on a carousel, of gyros with constant errors of scale: it turns, and back."""
+    random = np.random.default_rng(seed)
+    n = 120 * round(RATE)
+    t = np.arange(n) / RATE
+    rate = 0.9 * np.clip((t - 10.0) / 5.0, 0.0, 1.0) * np.clip((65.0 - t) / 5.0, -1.0, 1.0)
+    rate *= np.clip((115.0 - t) / 5.0, 0.0, 1.0)
+    angle = np.cumsum(rate) / RATE
+    mount = Rotation.random(random_state=seed)
+    turn = np.zeros((n, 3))
+    turn[:, 2] = angle
+    attitude = Rotation.from_rotvec(turn) * mount
+    down = mount.inv().apply([0.0, 0.0, 1.0])
+    scale = np.diag(5e-3 * random.standard_normal(3))
+    gyro = np.outer(rate, down) @ (np.eye(3) + scale) + 1e-3 * random.standard_normal((n, 3))
+    accel = G * down + 0.02 * random.standard_normal((n, 3))
+    run(imu_log(tmp_path / "in.mcap", even_times(n, RATE), gyro, accel), tmp_path / "out.mcap")
+    times, q, covariance = written(tmp_path / "out.mcap")
+    at = np.searchsorted(even_times(n, RATE), times)
+    turned = (q * attitude[at].inv()).as_matrix()
+    heading = np.unwrap(np.arctan2(turned[:, 1, 0], turned[:, 0, 0]))
+    heading -= heading[0]
+    sigma = np.sqrt(covariance[:, 2, 2])
+    middle, last = np.searchsorted(at, round(65.0 * RATE)), -1
+    assert np.degrees(sigma[middle]) > 5.0  # after 48 rad
+    assert np.abs(heading[middle]) < 3.0 * sigma[middle]
+    assert np.degrees(sigma[last]) < 3.0 and np.abs(heading[last]) < 3.0 * sigma[last]

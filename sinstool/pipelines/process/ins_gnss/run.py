@@ -137,7 +137,10 @@ class FilterRun(Mode):
         self._score = Withheld(valid, start.withheld, arm)
         self._filtered = Withheld(valid, start.withheld, arm)
         turned = None if start.offsets is None else start.offsets.turned
-        self._offsets_error = OffsetsError(start.offsets_error, turned)
+        # No log shows whether a sample is a mean until its stamp, or a rate at it
+        half = 0.0 if plan.gyro_samples.configured else 0.5 * source.survey.interval_ns / SECOND
+        shared = start.latency_status != "given" and start.settings.gnss_latency != 0.0
+        self._offsets_error = OffsetsError(start.offsets_error, turned, half, shared)
         self._mount: np.ndarray | None = None
         self._best: VehicleAssumptions | None = None
         self._stretches: list[Stretch] = []
