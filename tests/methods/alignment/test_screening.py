@@ -3,7 +3,8 @@ import pytest
 
 from sinstool.methods.alignment.accumulation import accumulate
 from sinstool.methods.alignment.reference import velocity_reference
-from sinstool.methods.alignment.segments import plausible_fixes
+from sinstool.methods.alignment.segments import LENGTH_SHARE, _share, plausible_fixes
+from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.simulation.gnss import GnssFaults, Receiver, gnss_samples
 from tests.methods.alignment.launches import NOISY, antenna_truth, fixes, noisy, trajectory
 
@@ -49,6 +50,17 @@ def test_noise_per_fix_is_heard():
     beta = alpha + sigma[:, None] * rng.normal(size=(200, 3))
     assert plausible_fixes(alpha, beta, sigma).all()
     assert not plausible_fixes(alpha, beta, np.full(200, 0.01)).all()
+
+
+def test_accelerometers_may_be_as_poor_as_their_grade():
+    """Chips that read gravity 6 % too small left no fix at all, where one was bad."""
+    beta = 9.81 * np.arange(60.0)[:, None] * np.array([0.0, 0.0, -1.0])
+    sigma, bad = np.full(60, 0.1), np.arange(60) == 30
+    spoilt = beta + 20.0 * bad[:, None]
+    assert not plausible_fixes(0.94 * beta, beta, sigma).any()
+    share = _share(IMU_GRADES["consumer"])
+    assert np.array_equal(plausible_fixes(0.94 * beta, spoilt, sigma, share), ~bad)
+    assert _share(IMU_GRADES["navigation"]) == LENGTH_SHARE
 
 
 def test_few_fixes():

@@ -66,8 +66,26 @@ def first_start(
             "--mode ins-gnss: the log has no GNSS fixes",
             "use --mode ins (with --height-damping), or attitude",
         )
-    here = config if grade is None else to_align_as(config, grade)
-    grade = grade or sensor_grade(source, config)
+    judged = grade or sensor_grade(source, config)
+    try:
+        return _start_as(judged, source, config, gnss, lag, grade is not None)
+    except AlignmentError:
+        if grade is not None or judged.grade != "mems" or config.navigation.imu_grade != "auto":
+            raise
+    bare = ImuGrade("consumer", "as no start fits the accelerometers of a calibrated one")
+    return _start_as(bare, source, config, gnss, lag, True)
+
+
+def _start_as(
+    grade: ImuGrade,
+    source: Source,
+    config: ProcessConfig,
+    gnss: GnssEpochs,
+    lag: float | None,
+    regraded: bool,
+) -> FilterStart:
+    """A first start with an Imu of a grade, `regraded` where its noise at rest shows another."""
+    here = to_align_as(config, grade) if regraded else config
     model, gnss_why = gnss_model(gnss, config)
     reference, remarks = barometer(source, config)
     settings = filter_settings(source, config, grade, model, reference)
