@@ -258,11 +258,14 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
         )
     if s.gap_count:
         longest = max(length for _, length in s.gaps)
-        yield Finding(
-            "gaps",
-            f"{s.gap_count} gaps longer than {s.max_gap_ns / 1e6:.4g} ms, {s.gap_total_s:.4g} s"
-            f" in all, the longest {longest:.4g} s; nothing is integrated across them",
+        limit = f"longer than {s.max_gap_ns / 1e6:.4g} ms"
+        gaps = (
+            f"a gap of {longest:.4g} s ({limit}); nothing is integrated across it"
+            if s.gap_count == 1
+            else f"{s.gap_count} gaps {limit}, {s.gap_total_s:.4g} s in all, the longest"
+            f" {longest:.4g} s; nothing is integrated across them"
         )
+        yield Finding("gaps", gaps)
     if s.missed:
         yield Finding(
             "missed-samples",

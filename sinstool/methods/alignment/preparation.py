@@ -93,12 +93,13 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
             broken[k + 1] = True
             reason[int(k + 1)] = f"a gap of {step[k] * 1e-9:.3f} s in the IMU"
     if bridged:
-        warnings.append(f"{bridged} gaps of up to {BRIDGED_SAMPLES} IMU samples bridged")
+        bridges = "1 gap" if bridged == 1 else f"{bridged} gaps"
+        warnings.append(f"{bridges} of up to {BRIDGED_SAMPLES} IMU samples bridged")
     if broken.any():
-        warnings.append(
-            f"{int(broken.sum())} gaps in the IMU break the chain of attitude; the longest is"
-            f" {step[np.flatnonzero(broken) - 1].max() * 1e-9:.3f} s"
-        )
+        many = f"{int(broken.sum())} gaps in the IMU break the chain of attitude; the longest is"
+        one = "a gap in the IMU breaks the chain of attitude; it is"
+        longest = step[np.flatnonzero(broken) - 1].max() * 1e-9
+        warnings.append(f"{one if broken.sum() == 1 else many} {longest:.3f} s long")
     imu = ImuIncrements(imu.time_ns, theta, velocity)
     lost = saturated(imu, settings.gyro_limit, settings.accel_limit)
     if lost.any():

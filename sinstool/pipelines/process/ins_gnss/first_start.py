@@ -69,11 +69,15 @@ def first_start(
     judged = grade or sensor_grade(source, config)
     try:
         return _start_as(judged, source, config, gnss, lag, grade is not None)
-    except AlignmentError:
+    except AlignmentError as exc:
         if grade is not None or judged.grade != "mems" or config.navigation.imu_grade != "auto":
             raise
+        refused = exc
     bare = ImuGrade("consumer", "as no start fits the accelerometers of a calibrated one")
-    return _start_as(bare, source, config, gnss, lag, True)
+    try:
+        return _start_as(bare, source, config, gnss, lag, True)
+    except AlignmentError:
+        raise refused from None
 
 
 def _start_as(

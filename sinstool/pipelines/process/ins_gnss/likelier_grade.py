@@ -29,6 +29,9 @@ from sinstool.survey.source import Source
 # A better grade is tried where gyros are so many times as noisy as theirs, and taken where it is
 # likelier by this: twice the log, e^5 to 1.
 QUIETER, LEAST_GAIN = 0.7, 10.0
+# A bare chip, and calibrated Imus: the best and the worst of these differ as much as the worst and
+# a chip.
+CALIBRATED_AS: tuple[Grade, ...] = ("consumer", "mems", "industrial")
 
 
 def likelier_low_cost(
@@ -40,8 +43,8 @@ def likelier_low_cost(
 ) -> ImuGrade | None:
     """Of a low-cost Imu: calibrated only if innovations are clearly likelier so.
 
-    The noise of modules and of bare chips is the same, but scale factors and angles of these are
-    ten times as large.
+    The noise of calibrated Imus and of bare chips is the same, but scale factors and angles of
+    these are ten to fifty times as large.
 
     Parameters
     ----------
@@ -55,10 +58,12 @@ def likelier_low_cost(
     """
     if start.grade.grade not in LOW_COST or config.navigation.imu_noise is not None:
         return None
-    bare, module = (_fit_as(grade, source, config, algorithm, start, factors) for grade in LOW_COST)
-    if bare is None or module is None:
+    bare, *calibrated = (
+        _fit_as(grade, source, config, algorithm, start, factors) for grade in CALIBRATED_AS
+    )
+    if bare is None:
         return None
-    if bare.worse_than(module):
+    if any(fit is not None and bare.worse_than(fit) for fit in calibrated):
         return ImuGrade("mems", "as innovations are clearly likelier than as an uncalibrated one")
     return ImuGrade("consumer", "as innovations do not show that it is calibrated")
 
