@@ -69,7 +69,8 @@ def test_samples_may_be_of_half_a_sample_ago(tmp_path):
             )[:, 6:8]
             variance = np.einsum("nii->ni", rows.covariance_attitude_n)[:, :2]
             ratios.append(np.sqrt(np.mean(error**2 / variance)))
-    assert max(outside) < 2.0 and max(told) < 2.0
+    # At 50 Hz a rotor's fast motion looks like axes that are off by 1 %
+    assert max(outside) < 2.0 and max(told) < 2.5
     assert np.mean(outside) > 0.5
 
 

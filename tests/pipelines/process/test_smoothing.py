@@ -10,6 +10,7 @@ from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.errors import DataError
 from sinstool.core.rotation import tilt_and_heading
+from sinstool.methods.sensor_errors import LOW_COST
 from sinstool.pipelines.process.run import plan_of, process
 from sinstool.survey import samples, source
 from tests.helpers.filter_logs import simulated

@@ -217,7 +217,8 @@ def test_a_grade_is_asked_for_where_no_rest_shows_it_and_nothing_starts(
     if part == {"start": "18"}:
 
         def uncertain(*_):
-            raise AlignmentError("the first attitude is unknown: its sigma is 58 deg", "wait")
+            text = "the first attitude is unknown: its sigma is 58 deg"
+            raise AlignmentError(text, "wait", uncertain=True)
 
         monkeypatch.setattr(initial_state, "in_flight", uncertain)
     with pytest.raises(AlignmentError) as refused:

@@ -28,7 +28,8 @@ def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatc
     in_flight, filter_run = initial_state.in_flight, timing.InsGnssFilter
 
     def aligning(source, config, method, shown, time_ns, later_ns):
-        aligned.append((config.gnss.gnss_latency, time_ns, shown.sigma_velocity_n.tobytes()))
+        grade, latency = config.navigation.imu_grade, config.gnss.gnss_latency
+        aligned.append((grade, latency, time_ns, shown.sigma_velocity_n.tobytes()))
         return in_flight(source, config, method, shown, time_ns, later_ns)
 
     class Seeking(filter_run):
