@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp
+from math import exp, log
 from typing import Literal
 
 import numpy as np
@@ -181,8 +181,8 @@ IMU_GRADES = _grades(_GRADES, _ASSUMED)
 """What a filter assumes, by grade of IMU."""
 
 
-def uncalibrated(gyro_bias: FloatArray) -> float:
-    """Probability that a low-cost Imu is not calibrated, as likely as not before a bias is known.
+def log_odds_uncalibrated(gyro_bias: FloatArray) -> float:
+    """Log of the odds that a low-cost Imu is not calibrated, 0 before a bias is known.
 
     Parameters
     ----------
@@ -190,7 +190,12 @@ def uncalibrated(gyro_bias: FloatArray) -> float:
         That is found, rad/s.
     """
     more = 0.5 * float(gyro_bias @ gyro_bias) * (1.0 / CALIBRATED**2 - 1.0 / UNCALIBRATED**2)
-    odds = exp(min(more, 50.0)) * (CALIBRATED / UNCALIBRATED) ** 3
+    return min(more, 50.0) + 3.0 * log(CALIBRATED / UNCALIBRATED)
+
+
+def uncalibrated(gyro_bias: FloatArray) -> float:
+    """Probability that a low-cost Imu is not calibrated: see :func:`log_odds_uncalibrated`."""
+    odds = exp(log_odds_uncalibrated(gyro_bias))
     return odds / (1.0 + odds)
 
 

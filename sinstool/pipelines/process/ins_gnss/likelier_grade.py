@@ -13,7 +13,7 @@ from typing import get_args
 
 from sinstool.config import ProcessConfig
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.sensor_errors import LOW_COST, Grade
+from sinstool.methods.sensor_errors import LOW_COST, Grade, log_odds_uncalibrated
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
     as_in_motion,
@@ -24,6 +24,7 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit
 from sinstool.survey.grade import ImuGrade
+from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
 # A better grade is tried where gyros are so many times as noisy as theirs, and taken where it is
@@ -41,7 +42,7 @@ def likelier_low_cost(
     start: FilterStart,
     factors: NoiseFactors,
 ) -> ImuGrade | None:
-    """Of a low-cost Imu: calibrated only if innovations are clearly likelier so.
+    """Of a low-cost Imu: calibrated only if innovations are clearly likelier so, and its bias is.
 
     The noise of calibrated Imus and of bare chips is the same, but scale factors and angles of
     these are ten to fifty times as large.
@@ -63,7 +64,10 @@ def likelier_low_cost(
     )
     if bare is None:
         return None
-    if any(fit is not None and bare.worse_than(fit) for fit in calibrated):
+    rest = longest_rest(source.survey.spans, source.aiding.gnss)
+    least = LEAST_GAIN if rest is None else LEAST_GAIN + 2.0 * log_odds_uncalibrated(rest.gyro)
+    gains = [(bare.cost - fit.cost) * fit.epochs for fit in calibrated if fit is not None]
+    if max(gains, default=0.0) > least:
         return ImuGrade("mems", "as innovations are clearly likelier than as an uncalibrated one")
     return ImuGrade("consumer", "as innovations do not show that it is calibrated")
 
