@@ -157,10 +157,10 @@ def test_a_wrong_latency_is_named(tmp_path, road, wrong):
 
 @pytest.mark.slow
 def test_a_wrong_latency_that_turns_the_attitude_is_told(tmp_path):
-    """A walker's velocities of another time fit some heading or other: 166 deg off, status 0."""
-    truth = walk(1, 300.0)
+    """A walker's velocities of another time fit some heading or other: 24 to 172 deg off."""
+    truth = walk(2, 300.0)
     noise = {"sigma": 0.87, "sigma_v": 0.21}
-    data = record(truth, GRADES["tactical"], 1, gnss_rate=5.0, latency=0.2, **noise)
+    data = record(truth, GRADES["tactical"], 2, gnss_rate=5.0, latency=0.2, **noise)
     log = write(tmp_path / "log.mcap", data)
     result, _ = run(log, input=dict(KIND), gnss=given(0.0))
     told = next(f for f in result["findings"] if f["kind"] == "stated-latency")
