@@ -1,5 +1,7 @@
 """A quiet Imu whose biases are not those of the grade that its noise at rest looks like."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -10,7 +12,13 @@ from sinstool.core.errors import AlignmentError
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
 from sinstool.io.readers import open_log
 from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES
-from sinstool.pipelines.process.ins_gnss import filter_settings, initial_state
+from sinstool.pipelines.process.ins_gnss import (
+    filter_settings,
+    first_start,
+    initial_state,
+    likelier_grade,
+)
+from sinstool.pipelines.process.ins_gnss.imu_fit import Fit
 from sinstool.pipelines.process.ins_gnss.likelier_grade import clearly_likelier
 from sinstool.survey.grade import ImuGrade, sensor_grade
 from sinstool.survey.source import prepare
@@ -141,6 +149,57 @@ def test_a_rest_shows_a_bare_chip_by_its_bias(tmp_path, grade, expected):
         judged = sensor_grade(prepare(opened, config), config)
     assert judged.grade == expected
     assert ("not calibrated" in judged.why) == (expected == "consumer")
+
+
+@pytest.mark.parametrize(
+    ("bias_deg_s", "gain", "expected"),
+    [
+        (None, 9.0, "consumer"),
+        (None, 11.0, "mems"),
+        # A small bias speaks for a calibration, a large one against it
+        (0.0, 9.0, "mems"),
+        (0.0, -1.0, "consumer"),
+        (1.0, 11.0, "consumer"),
+    ],
+)
+def test_a_low_cost_imu_is_calibrated_by_innovations_and_bias_together(
+    monkeypatch, bias_deg_s, gain, expected
+):
+    costs = {"consumer": 5.0, "mems": 5.0 - gain / 100, "industrial": 9.0}
+    monkeypatch.setattr(likelier_grade, "_fit_as", lambda grade, *_: Fit(1.0, costs[grade], 100))
+    rest = None if bias_deg_s is None else SimpleNamespace(gyro=np.deg2rad([bias_deg_s, 0.0, 0.0]))
+    monkeypatch.setattr(likelier_grade, "longest_rest", lambda *_: rest)
+    source = SimpleNamespace(survey=SimpleNamespace(spans=()), aiding=SimpleNamespace(gnss=None))
+    start = SimpleNamespace(grade=ImuGrade("mems", "by its noise"))
+    judged = likelier_grade.likelier_low_cost(source, ProcessConfig(), None, start, None)
+    assert judged is not None and judged.grade == expected
+
+
+@pytest.mark.parametrize("starts", [("consumer",), ()])
+def test_where_no_start_fits_a_calibrated_imu_a_bare_chip_is_tried(tmp_path, monkeypatch, starts):
+    """And where none fits that either, what is said is about the first."""
+    log = simulated(
+        tmp_path / "log.mcap", "drive", "--duration", "60", "--still", "20", "--grade", "mems",
+        "--rate", "50",
+    )  # fmt: skip
+    tried = []
+
+    def start_as(grade, *_):
+        tried.append(grade.grade)
+        if grade.grade not in starts:
+            raise AlignmentError(f"no start as {grade.grade}")
+        return grade
+
+    monkeypatch.setattr(first_start, "_start_as", start_as)
+    with open_log(log) as opened:
+        config = ProcessConfig()
+        source = prepare(opened, config)
+        if starts:
+            assert first_start.first_start(source, config).grade == "consumer"
+        else:
+            with pytest.raises(AlignmentError, match="no start as mems"):
+                first_start.first_start(source, config)
+    assert tried == ["mems", "consumer"]
 
 
 @pytest.mark.slow
