@@ -76,7 +76,14 @@ from tests.helpers.unseen_errors import (
 )
 from tests.helpers.unseen_vehicles import VEHICLES
 
-SENSORS = {**GRADES, "consumer": sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)}
+# Calibrated sensors, and chips that nobody calibrated, with what their data sheets say: zero rates
+# of .25 to 1 deg/s, 20 to 50 mg, .5 to 2 % of scale and, with --errors, as much across.
+CHIPS = {
+    "phone's chip": sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 0.5),
+    "drone's chip": sensor_errors(0.5, 900.0, 0.15, 30000.0, 10000.0, 0.5),
+    "hobbyist's chip": sensor_errors(0.3, 3600.0, 0.25, 50000.0, 20000.0, 0.5),
+}
+SENSORS = {**GRADES, "MEMS": sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5), **CHIPS}
 USUAL_OTHERS = ("boat", "walk", "multicopter")
 OTHERS = {"boat": boat, "walk": walk, "multicopter": multicopter, **VEHICLES}
 FAR_M, FAR_SIGMAS = 100.0, 10.0
@@ -204,7 +211,10 @@ def worse(random: np.random.Generator, data: Record, seed: int) -> tuple[list[st
         return yes
 
     size = float(10.0 ** random.uniform(-0.5, 0.5))
-    if drawn(0.3, f"axes {1e6 * size * errors.gyro_scale:.0f} ppm across"):
+    if errors in CHIPS.values():
+        texts.append(f"axes {1e6 * errors.gyro_scale:.0f} ppm across")
+        data = crossed(data, seed, errors.gyro_scale)
+    elif drawn(0.3, f"axes {1e6 * size * errors.gyro_scale:.0f} ppm across"):
         data = crossed(data, seed, size * errors.gyro_scale)
     if drawn(0.25, f"{size * errors.gyro_bias / DEGREE * 3600:.2g} deg/h/g"):
         data = g_sensitive(data, seed, size * errors.gyro_bias)
