@@ -36,6 +36,7 @@ import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.chi_square import MEDIAN_SQUARE
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, to_dcm
 from sinstool.core.streams import GnssEpochs
@@ -56,7 +57,6 @@ CHANNELS = {
 _FIRST_S = 120.0  # of velocity changes that must fit the start
 _SETTLED_S = 30.0
 _LEAST = 20  # epochs
-_MEDIAN = 0.4549  # of the square of a unit normal
 _TOO_LARGE, _TOO_SMALL = 4.0, 0.25  # of innovations squared over their variance
 _FOLLOWING = 0.4  # correlation of successive innovations
 _LAG_S = 0.03
@@ -256,7 +256,7 @@ def _attitude_findings(fit: _Fit, start: Start, many: int, moving: bool) -> list
     if moving and heading > _TURNED + _SIGMAS * float(sigma[2]):
         return [
             Finding(
-                "initial heading",
+                "initial-heading",
                 "velocity changes of the first two minutes say that the initial heading is"
                 f" {np.rad2deg(heading):.0f} deg off, sigma"
                 f" {np.rad2deg(np.sqrt(start.covariance_attitude_n[2, 2])):.1f} deg: do not trust"
@@ -366,7 +366,7 @@ def _noise(gnss: GnssDiagnostics) -> list[Finding]:
         values = values[np.isfinite(values).all(axis=1)]
         if len(values) < _LEAST:
             continue
-        level = float(np.median(values**2)) / _MEDIAN
+        level = float(np.median(values**2)) / MEDIAN_SQUARE
         if _TOO_SMALL < level < _TOO_LARGE:
             continue
         follow = float(np.sum(values[1:] * values[:-1]) / np.sum(values * values))

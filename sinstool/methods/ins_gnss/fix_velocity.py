@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.chi_square import MEDIAN_SQUARE
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.monotone_cubic import integral
 from sinstool.core.order_statistics import median
@@ -38,7 +39,6 @@ WORSE = 3.0
 LAG_SIGMAS, LEAST_CONTRAST = 5.0, 50.0
 # The noise of velocities shows between such times, s, in so many of the long one.
 BOUND_S, LEAST_LONG = (2.0, 20.0), 4.0
-MEDIAN_SQUARE = 0.4549  # of a unit normal
 # Fixes at a time: a row of each takes half a kilobyte
 BLOCK = 2**14
 

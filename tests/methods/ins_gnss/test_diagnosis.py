@@ -236,7 +236,7 @@ def test_a_left_handed_imu():
 @pytest.mark.parametrize("axes", [TIPPED, TURNED])
 def test_a_wrong_mount(kind, axes):
     result = examined(kind, gyro_axes=axes, accel_axes=axes)
-    expected = "initial-attitude" if axes is TIPPED else "initial heading"
+    expected = "initial-attitude" if axes is TIPPED else "initial-heading"
     assert causes(result) == [expected], summary(result)
     (angle,) = result[0].numbers.values()
     assert angle == pytest.approx(180.0 if axes is TIPPED else 90.0, abs=10.0)
@@ -246,7 +246,7 @@ def test_a_wrong_mount(kind, axes):
 @pytest.mark.parametrize("kind", ["flight", "drive"])
 def test_a_wrong_initial_heading(kind, off):
     result = examined(kind, wrong_start=(0.0, 0.0, off))
-    assert causes(result) == ["initial heading"], summary(result)
+    assert causes(result) == ["initial-heading"], summary(result)
     assert exit_status(result) == 3
     assert result[0].numbers["heading_deg"] == pytest.approx(abs(off), abs=6.0)
 

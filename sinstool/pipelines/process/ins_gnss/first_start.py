@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -66,30 +67,29 @@ def first_start(
             "--mode ins-gnss: the log has no GNSS fixes",
             "use --mode ins (with --height-damping), or attitude",
         )
-    judged = grade or sensor_grade(source, config)
+    if grade is not None:
+        return _start_as(grade, source, to_align_as(config, grade), config, gnss, lag)
+    judged = sensor_grade(source, config)
     try:
-        return _start_as(judged, source, config, gnss, lag, grade is not None)
-    except AlignmentError as exc:
-        if grade is not None or judged.grade != "mems" or config.navigation.imu_grade != "auto":
-            raise
-        refused = exc
-    bare = ImuGrade("consumer", "as no start fits the accelerometers of a calibrated one")
-    try:
-        return _start_as(bare, source, config, gnss, lag, True)
+        return _start_as(judged, source, config, config, gnss, lag)
     except AlignmentError:
-        raise refused from None
+        if judged.grade != "mems" or config.navigation.imu_grade != "auto":
+            raise
+        bare = ImuGrade("consumer", "as no start fits the accelerometers of a calibrated one")
+        with suppress(AlignmentError):
+            return first_start(source, config, bare, lag)
+        raise
 
 
 def _start_as(
     grade: ImuGrade,
     source: Source,
+    aligned_by: ProcessConfig,
     config: ProcessConfig,
     gnss: GnssEpochs,
     lag: float | None,
-    regraded: bool,
 ) -> FilterStart:
-    """A first start with an Imu of a grade, `regraded` where its noise at rest shows another."""
-    here = to_align_as(config, grade) if regraded else config
+    """A first start with an Imu of a grade, which `aligned_by` has where rests show another."""
     model, gnss_why = gnss_model(gnss, config)
     reference, remarks = barometer(source, config)
     settings = filter_settings(source, config, grade, model, reference)
@@ -99,7 +99,7 @@ def _start_as(
         lag = significant_lag(gnss)
     epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
     withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
-    latency, found = _first_latency(source, here, settings, epochs.rows(~withheld))
+    latency, found = _first_latency(source, aligned_by, settings, epochs.rows(~withheld))
     best = FilterStart(
         replace(settings, gnss_latency=latency),
         found.start,

@@ -101,7 +101,7 @@ def test_a_receiver_that_wanders_at_first_moves_no_parked_car(tmp_path, sigma_v)
     log = write(tmp_path / "log.mcap", replace(data, fixes=fixes))
     result, seconds, off, heading = navigated(log, truth, tmp_path / "out.mcap")
     assert {"unsettled-fixes"} <= kinds(result)
-    assert not kinds(result) & {"moving-rest", "not-trusted", "initial heading"}
+    assert not kinds(result) & {"moving-rest", "not-trusted", "initial-heading"}
     assert off[seconds > 26.0].max() < 6.0
     assert np.sqrt(np.mean(heading[seconds > 26.0] ** 2)) < 3.0
 
@@ -114,7 +114,7 @@ def test_a_parked_car_whose_gyro_warms_up_shows_no_other_heading(tmp_path, seed)
     gyro = data.gyro + warm * np.exp(-data.seconds[:, None] / 60.0) / RATE
     log = write(tmp_path / "log.mcap", replace(data, gyro=gyro))
     result, _, _, heading = navigated(log, truth, tmp_path / "out.mcap")
-    assert "initial heading" not in kinds(result)
+    assert "initial-heading" not in kinds(result)
     assert np.sqrt(np.mean(heading**2)) < 5.0
 
 
