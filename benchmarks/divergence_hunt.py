@@ -77,12 +77,15 @@ from tests.helpers.unseen_errors import (
 from tests.helpers.unseen_vehicles import VEHICLES
 
 # Calibrated sensors, and chips that nobody calibrated, with what their data sheets say: zero rates
-# of .25 to 1 deg/s, 20 to 50 mg, .5 to 2 % of scale and, with --errors, as much across.
+# of .1 to 1 deg/s and 20 to 40 mg, which change little in an hour, .5 to 1.5 % of scale and, with
+# --errors, as much across.
 CHIPS = {
-    "phone's chip": sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 0.5),
-    "drone's chip": sensor_errors(0.5, 900.0, 0.15, 30000.0, 10000.0, 0.5),
-    "hobbyist's chip": sensor_errors(0.3, 3600.0, 0.25, 50000.0, 20000.0, 0.5),
+    "phone's chip": sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 100.0),
+    "drone's chip": sensor_errors(0.5, 900.0, 0.15, 30000.0, 10000.0, 100.0),
+    "hobbyist's chip": sensor_errors(0.3, 3600.0, 0.25, 40000.0, 15000.0, 100.0),
 }
+# rad/s and m/s^2, by which biases follow temperature and specific force at most (1 sigma)
+CHANGES = 0.1 * DEGREE, 0.05
 SENSORS = {**GRADES, "MEMS": sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5), **CHIPS}
 USUAL_OTHERS = ("boat", "walk", "multicopter")
 OTHERS = {"boat": boat, "walk": walk, "multicopter": multicopter, **VEHICLES}
@@ -216,11 +219,14 @@ def worse(random: np.random.Generator, data: Record, seed: int) -> tuple[list[st
         data = crossed(data, seed, errors.gyro_scale)
     elif drawn(0.3, f"axes {1e6 * size * errors.gyro_scale:.0f} ppm across"):
         data = crossed(data, seed, size * errors.gyro_scale)
-    if drawn(0.25, f"{size * errors.gyro_bias / DEGREE * 3600:.2g} deg/h/g"):
-        data = g_sensitive(data, seed, size * errors.gyro_bias)
+    # Of a chip that nobody calibrated most of its bias has other reasons
+    gyro, accel = min(errors.gyro_bias, CHANGES[0]), min(errors.accel_bias, CHANGES[1])
+    if drawn(0.25, f"{size * gyro / DEGREE * 3600:.2g} deg/h/g"):
+        data = g_sensitive(data, seed, size * gyro)
     time = random.uniform(60.0, 600.0)
-    if drawn(0.25, f"warms up, {size:.2g} of bias in {time:.0f} s"):
-        data = warming(data, seed, size * errors.gyro_bias, size * errors.accel_bias, time)
+    warms = f"warms up by {size * gyro / DEGREE * 3600:.2g} deg/h, {size * accel:.2g} m/s^2"
+    if drawn(0.25, f"{warms} in {time:.0f} s"):
+        data = warming(data, seed, size * gyro, size * accel, time)
     if drawn(0.25, f"shakes by {size:.2g} m/s^2"):
         data = shaken(data, seed, size, 0.02 * size)
     if random.random() < 0.3:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import exp, log
+from math import exp, hypot, log
 from typing import Literal
 
 import numpy as np
@@ -115,6 +115,21 @@ _PARTS: dict[Part, tuple[str, ...]] = {
 def without(grade: SensorGrade, *parts: Part) -> SensorGrade:
     """A grade without scale factors, misalignments, or the part of its biases that wanders."""
     return replace(grade, **{name: 0.0 for part in parts for name in _PARTS[part]})
+
+
+def as_if_aligned(grade: SensorGrade) -> SensorGrade:
+    """A grade whose misalignments are part of other errors, for methods that do not know them.
+
+    What misaligned accelerometers feel of gravity stays the same while a vehicle is about level, as
+    a bias does; what misaligned gyros feel of a turn follows it, as the scale factor's error does.
+    """
+    return replace(
+        grade,
+        accel_bias=hypot(grade.accel_bias, grade.accel_misalignment * units.STANDARD_GRAVITY),
+        gyro_scale=hypot(grade.gyro_scale, grade.gyro_misalignment),
+        gyro_misalignment=0.0,
+        accel_misalignment=0.0,
+    )
 
 
 # Of field: its unit, and in that the value of each grade

@@ -17,7 +17,7 @@ from sinstool.core.order_statistics import median
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
-from sinstool.methods.alignment.still import StillSpan, Windows
+from sinstool.methods.alignment.still import WINDOW_NS, StillSpan, Windows, span_of
 
 # Faster than this by GNSS, or further by fixes alone, is no rest, however still the Imu seems;
 # beyond so many sigmas of what the receiver says of itself, m where it says nothing.
@@ -41,6 +41,13 @@ KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE = 30.0, 0.5, 0.05, 0.15
 UNSETTLED_M = 10.0
 LEAST_FIXES = 10
 MOST_FAR = 0.1
+# Where an engine shakes the Imu at the beginning: its first fix comes within, fixes need to show a
+# motion that has begun, and a rest lasts for at least, s; the means of so many windows are alike to
+# within rad/s and m/s^2 beside their noise; of a vehicle that stands velocities are less than m/s,
+# and fixes, which wander by more than they state, within m of the others.
+FIRST_FIX_S, MOVED_OFF_S, LEAST_SHAKEN_S = 5.0, 4.0, 10.0
+ALIKE, SHAKEN_RATE, SHAKEN_FORCE = 4, 0.005, 0.15
+STANDING_M_S, STANDING_M = 0.3, 3.0
 
 
 def rest_end(lead_in: StillSpan, spans: tuple[StillSpan, ...], windows: Windows) -> int:
@@ -49,11 +56,13 @@ def rest_end(lead_in: StillSpan, spans: tuple[StillSpan, ...], windows: Windows)
     Parameters
     ----------
     spans : tuple of StillSpan
-        In order; the lead-in is the first.
+        In order.
     """
     end = lead_in
     seconds = np.diff(windows.start_ns, append=windows.start_ns[-1:]) / SECOND
-    for span in spans[1:]:
+    for span in spans:
+        if span.start_ns < end.end_ns:
+            continue
         between = (windows.start_ns >= end.end_ns) & (windows.start_ns < span.start_ns)
         step = seconds[between, None]
         gained = (step * (windows.accel[between] - lead_in.accel)).sum(axis=0)
@@ -67,6 +76,71 @@ def rest_end(lead_in: StillSpan, spans: tuple[StillSpan, ...], windows: Windows)
             break
         end = span
     return end.end_ns
+
+
+def shaken_rest(windows: Windows, gnss: GnssEpochs, first_ns: int) -> StillSpan | None:
+    """The rest at the beginning of a log in which an engine shakes the Imu; None without one.
+
+    Fixes stand, and what vibration leaves of the Imu's means stays: neither is enough alone, as
+    fixes do not show how a vehicle rocks, and slow motion feels like rest.
+
+    Parameters
+    ----------
+    first_ns : int
+        Time of the first sample.
+    """
+    fixes = gnss.rows(gnss.has_position & (gnss.time_ns >= first_ns))
+    if len(fixes) < LEAST_FIXES or fixes.time_ns[0] > first_ns + FIRST_FIX_S * SECOND:
+        return None
+    stands = _stand(fixes)
+    if not stands:
+        return None
+    # Fixes are few, and need some time to show that a vehicle has moved off
+    last_ns = int(fixes.time_ns[stands - 1]) - round(MOVED_OFF_S * SECOND)
+    end = int(np.searchsorted(windows.start_ns + WINDOW_NS, last_ns))
+    end = _stay(windows, end)
+    if not end or windows.start_ns[end - 1] - first_ns < LEAST_SHAKEN_S * SECOND:
+        return None
+    return span_of(windows, 0, end)
+
+
+def _stand(fixes: GnssEpochs) -> int:
+    """How many of the first fixes are where those before them are, and say that they stand."""
+    north, east = _metres(fixes, slice(None))
+    before = np.arange(1, len(fixes))
+    off = np.zeros(len(fixes))
+    off[1:] = np.hypot(
+        north[1:] - np.cumsum(north)[:-1] / before, east[1:] - np.cumsum(east)[:-1] / before
+    )
+    sigma = np.nan_to_num(fixes.sigma_position_n[:, :2].max(axis=1), nan=UNKNOWN_SIGMA_M)
+    moved = off > np.maximum(SIGMAS * np.minimum(sigma, UNKNOWN_SIGMA_M), STANDING_M)
+    speed = np.hypot(fixes.velocity_n[:, 0], fixes.velocity_n[:, 1])
+    noise = np.nan_to_num(fixes.sigma_velocity_n[:, :2].max(axis=1), nan=0.0)
+    moved |= fixes.has_velocity & (speed > np.clip(SIGMAS * noise, STANDING_M_S, MOVING_M_S))
+    count = int(np.argmax(moved)) if moved.any() else len(fixes)
+    halves = (slice(0, count // 2), slice(count // 2, count))
+    way = [median(values[halves[1]]) - median(values[halves[0]]) for values in (north, east)]
+    # What creeps is within the noise of the next fix for long
+    return count if count >= LEAST_FIXES and np.hypot(*way) < STANDING_M else 0
+
+
+def _stay(windows: Windows, end: int) -> int:
+    """How many of the first windows, up to `end`, have the means of those before them."""
+    rows = slice(0, end - end % ALIKE)
+    count = windows.count[rows].reshape(-1, ALIKE).sum(axis=1)
+    if len(count) < 2 or (np.diff(windows.start_ns[:end]) != WINDOW_NS).any():
+        return 0
+    stays = np.ones(len(count), np.bool_)
+    for mean, std, step in (
+        (windows.gyro, windows.gyro_std, SHAKEN_RATE),
+        (windows.accel, windows.accel_std, SHAKEN_FORCE),
+    ):
+        alike = mean[rows].reshape(-1, ALIKE, 3).mean(axis=1)
+        noise = np.sqrt(np.mean(std[rows].reshape(-1, ALIKE) ** 2, axis=1) / count)
+        usual = np.cumsum(alike, axis=0)[:-1] / np.arange(1, len(alike))[:, None]
+        off = np.linalg.norm(alike[1:] - usual, axis=1)
+        stays[1:] &= off < step + SIGMAS * noise[1:] * np.sqrt(1.0 + 1.0 / np.arange(1, len(alike)))
+    return ALIKE * int(len(stays) if stays.all() else np.argmin(stays))
 
 
 def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | None:

@@ -35,7 +35,7 @@ from sinstool.survey.needs import (
     needs_all_gnss,
 )
 from sinstool.survey.oddities import oddities
-from sinstool.survey.rest import moving_at, rest_end, settled
+from sinstool.survey.rest import moving_at, rest_end, settled, shaken_rest
 from sinstool.survey.samples import SampleCache, samples_again
 from sinstool.survey.wheels import WheelSpeeds, read_wheels
 
@@ -175,13 +175,16 @@ def lead_in_end(survey_: Survey) -> int:
 
 
 def _truly_at_rest(survey_: Survey, aiding: AidingData) -> tuple[Survey, AidingData, list[Finding]]:
-    """A survey without a rest at its beginning in which GNSS moves.
+    """A survey without a rest at its beginning in which GNSS moves, with one that is shaken.
 
     Of a rest in which it does not, GNSS without what the receiver gave before it had settled.
     """
     rest, gnss = survey_.lead_in, aiding.gnss
-    if rest is None or gnss is None:
+    if gnss is None:
         return survey_, aiding, []
+    if rest is None:
+        shaken = shaken_rest(survey_.windows, gnss, survey_.first_ns)
+        return replace(survey_, lead_in=shaken), aiding, []
     end_ns = lead_in_end(survey_)
     speed = moving_at(gnss, rest.start_ns, end_ns)
     if speed is None:

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sinstool.survey.rest import moving_at, settled
+from sinstool.methods.alignment.still import WindowStage
+from sinstool.survey.rest import moving_at, settled, shaken_rest
 from tests.helpers.gnss import straight
 
 SECOND = 10**9
@@ -61,3 +62,63 @@ def test_a_steady_circle_is_no_rest_and_keeps_its_fixes(with_velocity):
     assert moving_at(gnss, 0, 300 * SECOND) == pytest.approx(10.0, rel=0.2)
     kept, findings = settled(gnss, 0, 300 * SECOND)
     assert len(kept) == len(gnss) and not findings
+
+
+def shaken(seed, parked=60.0, rock=0.0, rate=100.0):
+    """An Imu that an engine shakes, parked and then driven off: its windows and its fixes.
+
+    Parameters
+    ----------
+    rock : float
+        The vehicle rolls by so much, rad, as a boat does.
+    """
+    random = np.random.default_rng(seed)
+    t = np.arange(0.0, parked + 20.0, 1.0 / rate)
+    ahead = np.where(t > parked, 1.5, 0.0)
+    roll = rock * np.sin(t)
+    gyro = np.stack([rock * np.cos(t) + 0.02, 0.0 * t - 0.01, 0.0 * t + 0.005], axis=1)
+    accel = np.stack([ahead, -9.81 * np.sin(roll), -9.81 * np.cos(roll)], axis=1)
+    gyro += 0.04 * random.standard_normal(gyro.shape)
+    accel += 2.0 * random.standard_normal(accel.shape)
+    stage = WindowStage()
+    stage.push(np.round(t * SECOND).astype(np.int64), gyro, accel)
+    seconds = np.arange(0.2, t[-1], 0.5)
+    moving = np.maximum(seconds - parked, 0.0)
+    gnss = straight(np.round(seconds * SECOND).astype(np.int64), away=0.75 * moving**2)
+    return stage.finish(), gnss, 1.5 * moving
+
+
+def with_speed(gnss, speed, sigma):
+    velocity = np.stack([speed, 0.0 * speed, 0.0 * speed], axis=1)
+    random = np.random.default_rng(7)
+    return dataclasses.replace(
+        gnss,
+        velocity_n=velocity + sigma * random.standard_normal(velocity.shape),
+        sigma_velocity_n=np.full_like(velocity, sigma),
+    )
+
+
+@pytest.mark.parametrize("with_velocity", [True, False])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_an_engine_shakes_a_parked_vehicle(seed, with_velocity):
+    """Two minutes of rest were aligned from the motion behind, 24 deg off at the beginning."""
+    windows, gnss, speed = shaken(seed)
+    gnss = with_speed(gnss, speed, 0.1) if with_velocity else gnss
+    rest = shaken_rest(windows, gnss, 0)
+    assert rest is not None and rest.start_ns == 0 and 40.0 < rest.duration_s <= 60.0
+    assert rest.gyro == pytest.approx([0.02, -0.01, 0.005], abs=0.003)
+    assert rest.accel == pytest.approx([0.0, 0.0, -9.81], abs=0.15)
+
+
+def test_what_is_shaken_and_no_rest():
+    windows, gnss, speed = shaken(1)
+    # A ferry, which shakes as much and goes on
+    away = 0.8 * gnss.time_ns / SECOND
+    assert shaken_rest(windows, straight(gnss.time_ns, away=away), 0) is None
+    assert shaken_rest(windows, with_speed(gnss, speed + 0.8, 0.05), 0) is None
+    # A receiver that says where it is only later
+    assert shaken_rest(windows, gnss.rows(gnss.time_ns > 20 * SECOND), 0) is None
+    assert shaken_rest(windows, gnss.rows(slice(0, 3)), 0) is None
+    # A boat at its mooring rolls
+    windows, gnss, _ = shaken(1, rock=0.06)
+    assert shaken_rest(windows, gnss, 0) is None

@@ -205,20 +205,22 @@ def _close(spans: list[StillSpan], windows: Windows, begin: int, end: int) -> No
     """Add the span of windows [begin, end), less its last window: motion began somewhere in it."""
     if end < len(windows):
         end -= 1
-    if end - begin < MIN_WINDOWS:
-        return
+    if end - begin >= MIN_WINDOWS:
+        spans.append(span_of(windows, begin, end))
+
+
+def span_of(windows: Windows, begin: int, end: int) -> StillSpan:
+    """The span of windows [begin, end), of which nothing is asked."""
     part = slice(begin, end)
     count = windows.count[part].astype(float)
-    spans.append(
-        StillSpan(
-            int(windows.start_ns[begin]),
-            int(windows.start_ns[end - 1]) + WINDOW_NS,
-            int(count.sum()),
-            count @ windows.gyro[part] / count.sum(),
-            count @ windows.accel[part] / count.sum(),
-            float(np.sqrt(count @ windows.gyro_std[part] ** 2 / count.sum())),
-            float(np.sqrt(count @ windows.accel_std[part] ** 2 / count.sum())),
-        )
+    return StillSpan(
+        int(windows.start_ns[begin]),
+        int(windows.start_ns[end - 1]) + WINDOW_NS,
+        int(count.sum()),
+        count @ windows.gyro[part] / count.sum(),
+        count @ windows.accel[part] / count.sum(),
+        float(np.sqrt(count @ windows.gyro_std[part] ** 2 / count.sum())),
+        float(np.sqrt(count @ windows.accel_std[part] ** 2 / count.sum())),
     )
 
 

@@ -203,14 +203,18 @@ def _from_motion(
         To which it is carried back for a filter, unless the samples have a gap on the way or the
         gyros are not good enough; by default the first sample, however far.
     later_ns : ndarray of int64, shape (n,), optional
-        Times of fixes, to the first of which it is carried on where none is at its own time: from
-        one fix to the next an antenna may swing in ways that neither shows.
+        Times of fixes, to the first of which it is carried on where none is at its own time and the
+        vehicle does not rest: from one fix to the next an antenna may swing in ways that neither
+        shows.
     """
     result = moving.result
     begin_ns = source.survey.first_ns if time_ns is None else time_ns
     limit = np.inf if time_ns is None else FILTER_SIGMA
     reached = _carried_back(moving, source, config, begin_ns, limit)
-    if later_ns is not None and not (np.abs(later_ns - reached[0]) <= AT_FIX_S * SECOND).any():
+    still = source.survey.lead_in
+    rests = still is not None and reached[0] <= still.end_ns
+    at_fix = later_ns is None or (np.abs(later_ns - reached[0]) <= AT_FIX_S * SECOND).any()
+    if later_ns is not None and not at_fix and not rests:
         after = later_ns[(later_ns >= result.t_ns) & (later_ns <= result.t_stop_ns)]
         if len(after):
             reached = _carried_back(moving, source, config, int(after[0]), limit)

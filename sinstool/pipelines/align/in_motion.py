@@ -27,7 +27,14 @@ from sinstool.methods.alignment.inflight_types import (
 )
 from sinstool.methods.alignment.span_reader import MOST_SAMPLES, SpanReader
 from sinstool.methods.allan.coefficients import as_measured
-from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade, SensorGrade
+from sinstool.methods.sensor_errors import (
+    IMU_GRADES,
+    LOW_COST,
+    Grade,
+    SensorGrade,
+    as_if_aligned,
+    without,
+)
 from sinstool.survey.grade import measured_noise, random_walk
 from sinstool.survey.imu import Survey
 from sinstool.survey.rest import REST_S, longest_rest, rest_end
@@ -294,15 +301,13 @@ def sensor_errors(
         gyro_bias = min(gyro_bias, AFTER_REST) if at_rest else gyro_bias
     if options.sigma_ba is None:
         accel_bias = float(np.hypot(accel_bias, noise.accel_instability))
-    return SensorGrade(
-        gyro_bias,
-        accel_bias,
-        noise.accel_scale,
-        noise.accel_scale,
-        max(walk, angle_walk) if options.arw is None else walk,
-        noise.velocity_random_walk,
-        noise.bias_time_s,
+    used = replace(
+        noise,
+        gyro_bias=gyro_bias,
+        accel_bias=accel_bias,
+        angle_random_walk=max(walk, angle_walk) if options.arw is None else walk,
     )
+    return without(as_if_aligned(used), "drift")
 
 
 def _settings(

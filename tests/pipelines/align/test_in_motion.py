@@ -40,8 +40,9 @@ HOUR = 3600.0
 MODULE = "sinstool.pipelines.align.in_motion"
 
 
-def errors(grade="mems", at_rest=False, walk=0.0, **options):
-    return sensor_errors(build(ProcessConfig, {"in_flight": options}), grade, at_rest, walk)
+def errors(grade="mems", at_rest=False, walk=0.0, misalignment=None, **options):
+    config = {"in_flight": options, "filter": {"sigma_misalignment": misalignment}}
+    return sensor_errors(build(ProcessConfig, config), grade, at_rest, walk)
 
 
 def test_a_rest_says_what_the_bias_is():
@@ -62,7 +63,7 @@ def test_a_random_walk_seen_at_rest_counts_where_it_is_more():
 
 def test_options_win():
     options = {"sigma_bg": 2.0, "sigma_ba": 0.03, "sigma_sf": 5e-4, "arw": 0.2, "vrw": 80.0}
-    result = errors(at_rest=True, walk=1.0, **options)
+    result = errors(at_rest=True, walk=1.0, misalignment=0.0, **options)
     assert np.rad2deg(result.gyro_bias) * HOUR == pytest.approx(2.0)
     assert result.accel_bias == 0.03
     assert result.gyro_scale == result.accel_scale == 5e-4
