@@ -2,7 +2,8 @@
 
 Each seed makes a drive of ten minutes with outages of a minute: a mount that is a few degrees off
 and that nobody states, an axle behind or ahead of the IMU, slow slip and sideslip, an engine that
-shakes at rest, wheels that read wrongly, late, and slip. `process` is told nothing of it. Printed
+shakes at rest, wheels that read wrongly, late, and slip. `process` is told nothing of it, but that
+samples are rates at their stamps. Printed
 are the largest horizontal errors of the outages (root mean square and median), normalised squares
 of errors of attitude and position over all of the drive, which belong near 1, and the
 mount's errors over their sigmas. Attitude is that of the case, and beside it that of the axes in
@@ -168,6 +169,8 @@ def one(job: tuple[int, str, bool, bool, tuple[str, ...]]) -> dict[str, Scores]:
         for row in rows:
             with only(row), told(grade) if known else nullcontext({}) as options:
                 options.setdefault("filter", {})["smooth"] = smooth
+                # Else sigmas admit that samples are of half a sample before, which these are not
+                options["input"] = {"gyro_kind": "rate"}
                 chosen, solution = run(path, **options)
             out[row] = scored(path, chosen, solution, mount)
     return out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -179,7 +180,7 @@ def _fitted(
                 " large as expected"
             )
         try:
-            begun = first_start(source, config, ImuGrade(worse, why), start.lag)
+            begun = _begun_as(source, config, first, ImuGrade(worse, why), start.lag)
         except AlignmentError:
             break
         other = _timed(source, config, algorithm, begun)
@@ -213,7 +214,7 @@ def _drifting(
         # Noise at rest says nothing of biases and scale factors
         why = f"drifts {drift.ratio:.2g} times as far without fixes as {start.grade.grade} allows"
         try:
-            begun = first_start(source, config, ImuGrade(worse, why), start.lag)
+            begun = _begun_as(source, config, first, ImuGrade(worse, why), start.lag)
             other = _timed(source, config, algorithm, begun)
         except AlignmentError:
             begun, other = first, start
@@ -291,12 +292,26 @@ def _calibrated(
     if judged is None or judged.grade == start.grade.grade:
         return first, start, drift
     try:
-        begun = first_start(source, config, judged, start.lag)
+        begun = _begun_as(source, config, first, judged, start.lag)
         other = _timed(source, config, algorithm, begun)
     except AlignmentError:
         return first, start, drift
     log_choice("IMU grade", f"{judged.grade}, {judged.why}")
     return begun, *_as_quiet_as_in_motion(source, config, algorithm, other)
+
+
+def _begun_as(
+    source: Source, config: ProcessConfig, first: FilterStart, grade: ImuGrade, lag: float
+) -> FilterStart:
+    """A first start with an Imu of another grade, which is aligned as such a one if that works.
+
+    An alignment that is a little too uncertain may pass with a latency that is wrong.
+    """
+    with suppress(AlignmentError):
+        begun = first_start(source, config, grade, lag)
+        if abs(begun.settings.gnss_latency) <= abs(first.settings.gnss_latency):
+            return begun
+    return regraded(source, config, first, grade)
 
 
 def _with_noise(

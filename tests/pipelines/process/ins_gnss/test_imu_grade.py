@@ -17,6 +17,7 @@ from sinstool.pipelines.process.ins_gnss import (
     first_start,
     initial_state,
     likelier_grade,
+    start,
 )
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit
 from sinstool.pipelines.process.ins_gnss.likelier_grade import clearly_likelier
@@ -43,16 +44,16 @@ def test_what_drifts_as_a_worse_grade_is_taken_for_one(tmp_path, grade, expected
         data = with_outliers(data, 31)
     log = write(tmp_path / "log.mcap", data)
     gnss = {"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0}
-    start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss=gnss)
-    assert (start.grade.grade == "industrial") == (expected == "industrial"), start.grade
-    bias = np.rad2deg(start.settings.imu.gyro_bias) * 3600.0
+    begun = start_of(log, input={"gyro_kind": "mean-rate"}, gnss=gnss)
+    assert (begun.grade.grade == "industrial") == (expected == "industrial"), begun.grade
+    bias = np.rad2deg(begun.settings.imu.gyro_bias) * 3600.0
     # Of 0.027 deg/h, which the noise of a navigation grade does not exclude
     assert bias > 20.0 if expected else 0.027 < bias < 2.0
-    assert ("no rest shows its bias to be small" in start.grade.why) == (expected is not None)
+    assert ("no rest shows its bias to be small" in begun.grade.why) == (expected is not None)
     # Its slow drift is none of the fixes'
-    assert start.slow_errors == (1.0, 1.0)
+    assert begun.slow_errors == (1.0, 1.0)
     # 0.0064 deg/sqrt(h) at rest
-    assert expected or start.settings.imu.angle_random_walk < 0.007 * DEGREE_PER_ROOT_HOUR
+    assert expected or begun.settings.imu.angle_random_walk < 0.007 * DEGREE_PER_ROOT_HOUR
 
 
 def test_innovations_refute_the_grade_of_a_rest(tmp_path):
@@ -170,8 +171,8 @@ def test_a_low_cost_imu_is_calibrated_by_innovations_and_bias_together(
     rest = None if bias_deg_s is None else SimpleNamespace(gyro=np.deg2rad([bias_deg_s, 0.0, 0.0]))
     monkeypatch.setattr(likelier_grade, "longest_rest", lambda *_: rest)
     source = SimpleNamespace(survey=SimpleNamespace(spans=()), aiding=SimpleNamespace(gnss=None))
-    start = SimpleNamespace(grade=ImuGrade("mems", "by its noise"))
-    judged = likelier_grade.likelier_low_cost(source, ProcessConfig(), None, start, None)
+    before = SimpleNamespace(grade=ImuGrade("mems", "by its noise"))
+    judged = likelier_grade.likelier_low_cost(source, ProcessConfig(), None, before, None)
     assert judged is not None and judged.grade == expected
 
 
@@ -200,6 +201,26 @@ def test_where_no_start_fits_a_calibrated_imu_a_bare_chip_is_tried(tmp_path, mon
             with pytest.raises(AlignmentError, match="no start as mems"):
                 first_start.first_start(source, config)
     assert tried == ["mems", "consumer"]
+
+
+@pytest.mark.parametrize(
+    ("latency", "begun"), [(0.0, "anew"), (0.15, "as before"), (None, "as before")]
+)
+def test_another_grade_is_aligned_as_before_rather_than_at_another_time(
+    monkeypatch, latency, begun
+):
+    """A flight of a chip began with a latency of 0.15 s that was none: tilts 21 deg off."""
+
+    def anew(*_):
+        if latency is None:
+            raise AlignmentError("no start")
+        return SimpleNamespace(settings=SimpleNamespace(gnss_latency=latency), how="anew")
+
+    first = SimpleNamespace(settings=SimpleNamespace(gnss_latency=0.0), how="first")
+    monkeypatch.setattr(start, "first_start", anew)
+    monkeypatch.setattr(start, "regraded", lambda *_: SimpleNamespace(how="as before"))
+    grade = ImuGrade("consumer", "by innovations")
+    assert start._begun_as(None, ProcessConfig(), first, grade, 0.0).how == begun
 
 
 @pytest.mark.slow
