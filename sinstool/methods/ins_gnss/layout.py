@@ -113,6 +113,8 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("inputs", (3,)),  # sums of gain times K4 v_up
     ("rate", (3,)),  # angular rate and specific force of the latest update
     ("force", (3,)),
+    ("recent", (6,)),  # the same, means of the latest half second or so
+    ("bridge", (6,)),  # the same, within an Imu gap
     ("open",),  # 1 while measurements at this instant are being made
     ("instant_at",),  # time of the latest instant
     ("step",),  # what the channel would have changed the height by on engaging again, m

@@ -36,6 +36,7 @@ from sinstool.methods.strapdown.velocity import remove_bias
 
 BRIDGE = 0.05  # s, longest step within an IMU gap
 MAX_ROW_INTERVAL = 1.25  # s, longest time between rows for a smoother
+BESIDE = 0.5  # s, of the motion beside a gap that is longer than such a step
 ROUNDING = 1e-7  # s, of times and intervals: they are whole nanoseconds
 
 
@@ -131,6 +132,8 @@ def run(
             for i in range(3):
                 m.rate[i] = phi[k, i] / dt
                 m.force[i] = dv[k, i] / dt
+                m.recent[i] = m.rate[i]
+                m.recent[3 + i] = m.force[i]
             while fix_next < len(fix_time) and fix_time[fix_next] < begin:
                 fix_next += 1
                 m.dropped += 1.0
@@ -151,28 +154,15 @@ def run(
         if bridges > 0:
             instants.close_substep(m, model)
             m.in_gap = 1.0
-        rate0, rate1, rate2 = (
-            m.rate[0],
-            m.rate[1],
-            m.rate[2],
-        )
-        force0, force1, force2 = (
-            m.force[0],
-            m.force[1],
-            m.force[2],
-        )
+            _motion_in_gap(m, gap, time, interval, phi, dv, k)
+        rate0, rate1, rate2 = m.rate[0], m.rate[1], m.rate[2]
 
         for bridge in range(bridges + 1):
             # Sensor errors off
             if bridge < bridges:
-                # the mean of the motion before and after
                 d = gap / bridges
-                ux = 0.5 * (force0 + dv[k, 0] / dt) * d
-                uy = 0.5 * (force1 + dv[k, 1] / dt) * d
-                uz = 0.5 * (force2 + dv[k, 2] / dt) * d
-                px = 0.5 * (rate0 + phi[k, 0] / dt) * d
-                py = 0.5 * (rate1 + phi[k, 1] / dt) * d
-                pz = 0.5 * (rate2 + phi[k, 2] / dt) * d
+                px, py, pz = d * m.bridge[0], d * m.bridge[1], d * m.bridge[2]
+                ux, uy, uz = d * m.bridge[3], d * m.bridge[4], d * m.bridge[5]
                 # An increment is in the axes of its start: those of samples hold half their turn
                 half = 0.5 * (1.0 - dt / d)
                 ax, ay, az = cross(px, py, pz, ux, uy, uz)
@@ -327,6 +317,8 @@ def run(
         for i in range(3):
             m.rate[i] = phi[k, i] / dt
             m.force[i] = dv[k, i] / dt
+            m.recent[i] += dt / (dt + BESIDE) * (m.rate[i] - m.recent[i])
+            m.recent[3 + i] += dt / (dt + BESIDE) * (m.force[i] - m.recent[3 + i])
         m.updates += 1.0
 
         if len(out) > 0:
@@ -405,6 +397,42 @@ def _integrate_row(
         ma[i, 9] += c1 * uz
         ma[i, 10] += c2 * ux
         ma[i, 11] += c2 * uy
+
+
+@part()
+def _motion_in_gap(
+    m: Memory,
+    gap: float,
+    time: FloatArray,
+    interval: FloatArray,
+    phi: FloatArray,
+    dv: FloatArray,
+    k: int,
+) -> None:
+    """Rate and specific force with which a gap is bridged that update `k` follows.
+
+    The mean of the motion before and after. Beside a gap that is longer than vibration these are
+    means over some time, as far as the block has it: one sample may be anything.
+    """
+    last, seconds = k + 1, interval[k]
+    if gap > BRIDGE:
+        while last < len(time) and seconds < BESIDE:
+            if time[last] - interval[last] - time[last - 1] > 0.5 * interval[last]:
+                break
+            seconds += interval[last]
+            last += 1
+    for i in range(3):
+        turned, gained = 0.0, 0.0
+        for j in range(k, last):
+            turned += phi[j, i]
+            gained += dv[j, i]
+        rate, force = m.rate[i], m.force[i]
+        if gap > BRIDGE:
+            rate, force = m.recent[i], m.recent[3 + i]
+            # What is from before the gap is not recent any more
+            m.recent[i], m.recent[3 + i] = turned / seconds, gained / seconds
+        m.bridge[i] = 0.5 * (rate + turned / seconds)
+        m.bridge[3 + i] = 0.5 * (force + gained / seconds)
 
 
 @part()

@@ -19,11 +19,13 @@ from tests.helpers.unseen_drives import (
     LEVER,
     drive,
     flight,
+    multicopter,
     record,
     without_fixes,
     without_samples,
     write,
 )
+from tests.helpers.unseen_errors import shaken
 from tests.helpers.unseen_vehicles import train
 
 ARM = ",".join(str(x) for x in LEVER)
@@ -157,3 +159,17 @@ def test_innovations_refute_a_grade_that_quiet_gyros_suggest(tmp_path, sinstool)
     error, sigmas = level(read_back(out, truth))
     assert error.max() < 1.0
     assert np.sqrt(np.mean(np.square(sigmas))) < 2.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 3, 4, 6])
+def test_one_sample_beside_a_gap_is_not_how_a_vehicle_turned_in_it(tmp_path, seed):
+    """The rate of a sample of 40 deg/s, for 2.8 s: the attitude was off by 122 deg, 13 sigmas."""
+    truth = multicopter(seed, 200.0)
+    data = record(truth, GRADES["industrial"], seed, gnss_rate=2.0, sigma=0.2)
+    data = without_samples(shaken(data, seed, 2.0, 0.5), 120.0, 3.0)
+    answer, *_ = process(write(tmp_path / "gap.mcap", data), truth, ["--lever-arm", ARM])
+    after = (answer.seconds > 123.0) & (answer.seconds < 125.0)
+    off = np.linalg.norm(answer.error[after, 6:8], axis=1)
+    sigma = np.linalg.norm(answer.sigma[after, 6:8], axis=1)
+    assert np.rad2deg(off.max()) < 30.0 and (off / sigma).max() < 3.0
