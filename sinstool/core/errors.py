@@ -124,10 +124,15 @@ class AlignmentError(SinstoolError):
     ----------
     uncertain : bool, optional
         There is an attitude, but it is not known well enough.
+    consistent : bool, optional
+        And it agrees with the data: no other latency, lever arm or unit is called for.
     """
 
-    def __init__(self, message: str, hint: str = "", uncertain: bool = False) -> None:
+    def __init__(
+        self, message: str, hint: str = "", uncertain: bool = False, consistent: bool = False
+    ) -> None:
         self.uncertain = uncertain
+        self.consistent = consistent
         super().__init__(message, hint)
 
 

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 GYROCOMPASS_S = 30.0
 # A filter is linear in its errors: it rather begins later than with a sigma beyond this.
 FILTER_SIGMA = 10.0 * DEGREE
-# But where a rest shows the tilt, the filter is begun with several headings.
-HEADING_AT_REST = 30.0 * DEGREE
 # A filter that starts so near a fix, s, starts at it.
 AT_FIX_S = 0.03
 # A mean rate at rest, rad/s (45 deg/h), that is not just the Earth's in an unknown direction.
@@ -172,15 +170,13 @@ def in_flight(
         It cannot be had: with the reasons.
     """
     grade = sensor_grade(source, config).grade
+    from sinstool.methods.alignment.inflight import INCONSISTENT_CHI2
     from sinstool.methods.alignment.inflight_types import REFUSE_SIGMA
     from sinstool.pipelines.align.in_motion import align_moving
 
     # What nobody corrects must be known better, but a filter learns the rest of the heading
     refused = REFUSE_SIGMA if time_ns is None else FILTER_SIGMA
     moving = align_moving(source, config, grade, method, "start", gnss, refused)
-    rests = time_ns is not None and source.survey.lead_in is not None
-    if moving.result.status == "unobservable" and rests:
-        moving = align_moving(source, config, grade, method, "start", gnss, HEADING_AT_REST)
     result = moving.result
     if result.status in ("failed", "unobservable"):
         reasons = "; ".join(result.warnings) or "no reason is known"
@@ -189,6 +185,7 @@ def in_flight(
             f" {reasons}",
             "choose another span with --align-start and --align-end, or another --align",
             uncertain=result.status == "unobservable",
+            consistent=not result.chi2 > INCONSISTENT_CHI2,
         )
     return _from_motion(moving, source, config, time_ns, later_ns)
 
@@ -274,25 +271,11 @@ def _carried_back(
     if not len(imu) or (np.diff(imu.time_ns) > source.survey.max_gap_ns).any():
         return result.t_ns, result.q_nb, result.cov
     q_nb, covariance = moving.carried_back(imu)
+    if np.sqrt(np.diag(covariance).max()) > most_sigma:
+        return result.t_ns, result.q_nb, result.cov
     if still is not None and resting:
         q_nb, covariance = tilted(q_nb, covariance, still.accel, moving.settings.grade.accel_bias)
-    if np.isfinite(most_sigma) and not _reached(source, time_ns, covariance):
-        return result.t_ns, result.q_nb, result.cov
     return time_ns, q_nb, covariance
-
-
-def _reached(source: Source, time_ns: int, covariance: np.ndarray) -> bool:
-    """Whether an attitude is known well enough for a filter to begin with it.
-
-    Parameters
-    ----------
-    covariance : ndarray, shape (3, 3)
-        In NED, rad^2.
-    """
-    still = source.survey.lead_in
-    rests = still is not None and time_ns <= still.end_ns
-    most = (FILTER_SIGMA, FILTER_SIGMA, HEADING_AT_REST if rests else FILTER_SIGMA)
-    return bool((np.diag(covariance) <= np.square(most)).all())
 
 
 def at_rest(source: Source, config: ProcessConfig) -> Alignment:

@@ -143,7 +143,8 @@ def _first_latency(
 ) -> tuple[float, FoundStart]:
     """The configured latency, else zero, else the first usual latency with which a start succeeds.
 
-    In rough air no attitude fits velocities that are a fifth of a second off.
+    In rough air no attitude fits velocities that are a fifth of a second off. One that fits, but is
+    not known well enough, is not known better at another time.
     """
     by_option = config.gnss.gnss_latency
     refused: AlignmentError | None = None
@@ -154,6 +155,8 @@ def _first_latency(
             return latency, find_start(source, config, timed, fixes)
         except AlignmentError as exc:
             refused = refused or exc
+            if exc.uncertain and exc.consistent:
+                break  # which another latency makes no better
     assert refused is not None
     raise refused
 

@@ -113,7 +113,7 @@ def find_start(
                 f"{hint or 'give an initial attitude'}, or set the grade of the Imu with"
                 " --imu-grade"
             )
-        raise AlignmentError(message, hint) from exc
+        raise AlignmentError(message, hint, exc.uncertain, exc.consistent) from exc
     return FoundStart(start, int(sample.time_ns[0]), _how(alignment, covariance), alignment)
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from benchmarks.trusted_navigation import process
 from sinstool.core.finding import exit_status
 from tests.helpers.unseen_drives import (
     GRADES,
@@ -67,16 +66,3 @@ def test_a_gyro_bias_a_little_beyond_the_ordinary_is_not_taken_for_degrees_a_sec
     result, _, off, heading = navigated(log, truth, tmp_path / "out.mcap")
     assert np.linalg.norm(result.alignment.gyro_bias_rad_s) < 0.1 * np.pi / 180.0
     assert off[-1] < 2.0 and np.sqrt(np.mean(heading**2)) < 3.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_slow_vehicle_with_a_bare_chip_is_begun_with_several_headings(tmp_path, seed):
-    """Its bias of 1 deg/s is known at rest, but little of its heading: 24 deg, and no start."""
-    truth = tractor(seed, 250.0)
-    chip = sensor_errors(0.3, 3600.0, 0.25, 40000.0, 15000.0, 100.0)
-    data = record(truth, chip, seed, gnss_rate=2.0, sigma=0.1, sigma_v=0.1)
-    answer, status, _ = process(write(tmp_path / "log.mcap", data), truth, [])
-    assert status == 0
-    off = np.sqrt(np.mean(np.square(answer.error[:, 6:] / answer.sigma[:, 6:]), axis=0))
-    assert np.sqrt(np.mean(off[:2] ** 2)) < 2.5 and off[2] < 2.5
