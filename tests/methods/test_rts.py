@@ -30,7 +30,7 @@ def a_step(n, seed, unknown=()):
 def test_gain_and_smoothed_covariance(n, unknown, seed):
     transition, p_plus, p_minus, after, scale = a_step(n, seed, unknown)
     p_minus, after = np.ascontiguousarray(p_minus), np.ascontiguousarray(after)
-    even = n + (ROWS - n) % ROWS
+    even = n + -n % ROWS
     columns = min(3, even // ROWS) * ROWS
     made_up = np.zeros((even, even))
     made_up[:n, :n] = p_minus

@@ -42,13 +42,13 @@ def storage(count: int, n: int) -> tuple[FloatArray, FloatArray]:
 
     Zeros make up the number of rows of matrices, here and below.
     """
-    even = n + (ROWS - n) % ROWS
+    even = n + -n % ROWS
     return np.empty((count, VECTORS, STATE)), np.zeros((count, MATRICES, even, even))
 
 
 def scratch(n: int) -> tuple[FloatArray, ...]:
     """Arrays that :func:`forward` and :func:`backward` work in, which allocate none themselves."""
-    even = n + (ROWS - n) % ROWS
+    even = n + -n % ROWS
     return np.empty(even), np.empty(n), *np.zeros((3, even, even)), np.empty((3, 3))
 
 

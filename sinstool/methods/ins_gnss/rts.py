@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import FloatArray, IntArray, zeros_on_lines
 from sinstool.core.parts import kernel, part
 from sinstool.methods import products
 from sinstool.methods.ins_gnss.results import StoredEpochs
@@ -152,17 +152,12 @@ def _driven_first(plus: FloatArray, minus: FloatArray, decay: FloatArray, order:
     return count
 
 
-def room(n: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, IntArray]:
+def room(n: int) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
     """Scratch of :func:`smooth_backward` for so many states."""
-    even, width = n + (ROWS - n) % ROWS, n + (COLUMNS - n) % COLUMNS
-    return (
-        np.zeros((3, even, even)),
-        np.zeros((3, even, width)),
-        np.zeros((width, width)),
-        np.zeros(even),
-        np.zeros(width),
-        np.empty(n, dtype=np.int64),
-    )
+    even, width = n + -n % ROWS, n + -n % COLUMNS
+    shapes = (6, even, width), (width, width), (2, width)
+    work, change, lines = (zeros_on_lines(shape) for shape in shapes)
+    return work, change, lines, np.empty(n, dtype=np.int64)
 
 
 @kernel()
@@ -176,11 +171,9 @@ def smooth_backward(
     starts: np.ndarray,
     begins: bool,
     after: FloatArray,
-    squares: FloatArray,
-    wide: FloatArray,
+    work: FloatArray,
     change: FloatArray,
-    scale: FloatArray,
-    x: FloatArray,
+    lines: FloatArray,
     order: IntArray,
     d: FloatArray,
     whole: FloatArray,
@@ -199,7 +192,7 @@ def smooth_backward(
         The last row is that of the run; otherwise it is smoothed already.
     after : ndarray, shape (n, n)
         Smoothed covariance of the last row, unless it is that of the run; becomes the first's.
-    squares, wide, change, scale, x, order : ndarray
+    work, change, lines, order : ndarray
         Of :func:`room`.
     d : ndarray, shape (m, n)
         Gets what later rows add to the estimate of each.
@@ -208,8 +201,8 @@ def smooth_backward(
     """
     n, moves = d.shape[1], moving.shape[1]
     last = d.shape[0] - 1
-    minus, plus, up = squares[0], squares[1], squares[2]
-    gain, some, product = wide[0], wide[1], wide[2]
+    gain, some, product, minus, plus, up = work[0], work[1], work[2], work[3], work[4], work[5]
+    scale, x = lines[0, : len(gain)], lines[1]
     for i in range(n):
         d[last, i] = 0.0
     if begins:
@@ -226,7 +219,7 @@ def smooth_backward(
             _unpack(before[following], 0, n, minus)
             _unpack_after(corner[k], rest[k], n, plus)
             count = _driven_first(plus, minus, decay[following], order)
-            columns = count + (COLUMNS - count) % COLUMNS
+            columns = count + -count % COLUMNS
             count = min(columns, n)
             for i in range(n):
                 for j in range(count):

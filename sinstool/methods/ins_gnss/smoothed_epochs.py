@@ -128,7 +128,7 @@ def smooth_columns(
     starts = np.array(columns["restart"])
     error_before[starts] = 0.0
     after = np.empty((n, n))
-    squares, wide, change, scale, x, order = room(n)
+    work, change, lines, order = room(n)
     none = np.empty((0, n, n))
     rows = max(1, AT_ONCE // (8 * sum(int(column[0].size) for column in packed)))
     end = m
@@ -144,11 +144,9 @@ def smooth_columns(
             starts[piece],
             end == m,
             after,
-            squares,
-            wide,
+            work,
             change,
-            scale,
-            x,
+            lines,
             order,
             d,
             none if whole is None else whole[piece],
