@@ -156,7 +156,7 @@ def forward(
     return total
 
 
-@kernel(vectorizes=False)
+@kernel()
 def backward(
     begin: int,
     end: int,
