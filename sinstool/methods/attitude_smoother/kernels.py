@@ -156,7 +156,7 @@ def forward(
     return total
 
 
-@kernel()
+@kernel(vectorizes=False)
 def backward(
     begin: int,
     end: int,
