@@ -51,3 +51,38 @@ def product(
         for j in range(columns):
             out[i, j] = 0.0
     add_product(a, b, rows, inner, columns, out)
+
+
+@part(inline="always")
+def take_off(
+    a: FloatArray,
+    b: FloatArray,
+    first: int,
+    last: int,
+    i: int,
+    start: int,
+    end: int,
+    out: FloatArray,
+) -> None:
+    """Rows `i` to `i` + 3 of ``out -= a^T b``, of columns from `start` to `end`.
+
+    Of dense matrices: four rows by four, as what is loaded then serves four times.
+
+    Parameters
+    ----------
+    a, b : ndarray
+        Their rows from `first` to `last` are summed over, a multiple of four.
+    out : ndarray
+        Other rows than those of `b`, if it is the same.
+    """
+    for m in range(first, last, 4):
+        a00, a01, a02, a03 = a[m, i], a[m, i + 1], a[m, i + 2], a[m, i + 3]
+        a10, a11, a12, a13 = a[m + 1, i], a[m + 1, i + 1], a[m + 1, i + 2], a[m + 1, i + 3]
+        a20, a21, a22, a23 = a[m + 2, i], a[m + 2, i + 1], a[m + 2, i + 2], a[m + 2, i + 3]
+        a30, a31, a32, a33 = a[m + 3, i], a[m + 3, i + 1], a[m + 3, i + 2], a[m + 3, i + 3]
+        for j in range(start, end):
+            e, f, g, h = b[m, j], b[m + 1, j], b[m + 2, j], b[m + 3, j]
+            out[i, j] = out[i, j] - a00 * e - a10 * f - a20 * g - a30 * h
+            out[i + 1, j] = out[i + 1, j] - a01 * e - a11 * f - a21 * g - a31 * h
+            out[i + 2, j] = out[i + 2, j] - a02 * e - a12 * f - a22 * g - a32 * h
+            out[i + 3, j] = out[i + 3, j] - a03 * e - a13 * f - a23 * g - a33 * h

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sinstool.methods.rts import smoother_covariance, smoother_gain
+from sinstool.methods.rts import ROWS, smoothed_change, smoother_gain
 
 
 def a_step(n, seed, unknown=()):
@@ -25,23 +25,37 @@ def a_step(n, seed, unknown=()):
     return transition, p_plus, p_minus, p_minus - np.outer(gain, h @ p_minus), scale
 
 
-@pytest.mark.parametrize("n, unknown", [(1, ()), (4, ()), (9, (2,)), (15, (0, 7, 14))])
+@pytest.mark.parametrize("n, unknown", [(1, ()), (4, ()), (9, (2,)), (15, (0, 7, 14)), (26, (3,))])
 @pytest.mark.parametrize("seed", range(3))
 def test_gain_and_smoothed_covariance(n, unknown, seed):
     transition, p_plus, p_minus, after, scale = a_step(n, seed, unknown)
     p_minus, after = np.ascontiguousarray(p_minus), np.ascontiguousarray(after)
-    transposed, low, diff = np.empty((n, n)), np.full((n, n), 7.0), np.full((n, n), 9.0)
-    smoother_gain(transition, p_plus, p_minus, transposed, low, np.empty(n))
+    even = n + -n % ROWS
+    columns = min(3, even // ROWS) * ROWS
+    made_up = np.zeros((even, even))
+    made_up[:n, :n] = p_minus
+    gains, product, up = (
+        np.zeros((even, columns)),
+        np.empty((even, columns)),
+        np.empty((even, even)),
+    )
+    gains[:n] = np.pad(transition @ p_plus, ((0, 0), (0, even - n)))[:, :columns]
+    smoother_gain(made_up, columns, gains, up, np.empty(even))
     unit = p_minus / np.outer(scale, scale)
     inverse = np.linalg.pinv(unit) / np.outer(scale, scale)
     gain = p_plus @ transition.T @ inverse
-    size = np.outer(scale, 1.0 / scale)
-    np.testing.assert_allclose(transposed.T / size, gain / size, atol=1e-7)
-    expected = p_plus + gain @ (after - p_minus) @ gain.T
-    for into in ("room of its own", "p_plus", "after"):
-        before, later, out = p_plus.copy(), after.copy(), np.full((n, n), np.nan)
-        out = {"p_plus": before, "after": later}.get(into, out)
-        smoother_covariance(before, p_minus, later, transposed, diff, low, out)
-        size = np.outer(scale, scale)
-        np.testing.assert_allclose(out / size, expected / size, atol=1e-7)
-        np.testing.assert_array_equal(out, out.T)
+    size, rows = np.outer(scale, 1.0 / scale), min(n, columns)
+    np.testing.assert_allclose(
+        gains[:n, :rows].T / size[:rows], gain[:rows] / size[:rows], atol=1e-7
+    )
+    np.testing.assert_array_equal(made_up[:n, :n], p_minus)
+    change = np.full((columns, columns), np.nan)
+    smoothed_change(made_up, after, columns, gains, product, change)
+    size, both = np.outer(scale, scale), (after - p_minus) @ gain.T
+    expected = np.tril(gain @ both / size)[:rows, :rows]
+    np.testing.assert_allclose(
+        np.tril(change[:rows, :rows] / size[:rows, :rows]), expected, atol=1e-7
+    )
+    np.testing.assert_allclose(
+        product[:n, :rows] / size[:, :rows], -both[:, :rows] / size[:, :rows], atol=1e-7
+    )

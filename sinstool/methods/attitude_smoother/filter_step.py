@@ -468,7 +468,7 @@ def predict_covariance(
     for i in range(n):
         for j in range(i):
             half[i, j], half[j, i] = half[j, i], half[i, j]
-    copy_square(q, p)
+    copy_square(q, n, p)
     add_product(f, half, n, n, n, p)
 
 

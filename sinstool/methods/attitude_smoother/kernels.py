@@ -28,7 +28,8 @@ from sinstool.methods.attitude_smoother.state import (
     keep,
     less,
 )
-from sinstool.methods.rts import smoother_covariance, smoother_gain
+from sinstool.methods.products import product
+from sinstool.methods.rts import ROWS, smoothed_change, smoother_gain
 
 # What the filter stores of each epoch for the smoother: after its measurements (plus) and at its
 # end, before those of the next (minus).
@@ -37,14 +38,18 @@ P_PLUS, P_MINUS, TRANSITION, MATRICES = range(4)
 
 
 def storage(count: int, n: int) -> tuple[FloatArray, FloatArray]:
-    """Arrays for what :func:`forward` stores of so many epochs with `n` error states."""
-    return np.empty((count, VECTORS, STATE)), np.empty((count, MATRICES, n, n))
+    """Arrays for what :func:`forward` stores of so many epochs with `n` error states.
+
+    Zeros make up the number of rows of matrices, here and below.
+    """
+    even = n + -n % ROWS
+    return np.empty((count, VECTORS, STATE)), np.zeros((count, MATRICES, even, even))
 
 
 def scratch(n: int) -> tuple[FloatArray, ...]:
     """Arrays that :func:`forward` and :func:`backward` work in, which allocate none themselves."""
-    squares = np.empty((3, n, n))
-    return np.empty(n), np.empty(n), *squares, np.empty((3, 3))
+    even = n + -n % ROWS
+    return np.empty(even), np.empty(n), *np.zeros((3, even, even)), np.empty((3, 3))
 
 
 @kernel()
@@ -98,9 +103,10 @@ def forward(
     kinds : ndarray, shape (m,) or (0,)
         Output: the kind of each epoch, MOVING to AT_REST, as the filter judges it; none: the kinds
         marked in `epochs` are taken.
-    vectors, matrices : ndarray, shape (k, VECTORS, STATE) and (k, MATRICES, n, n)
-        Outputs: states, error estimates, covariances and transitions of each epoch, for
-        :func:`backward`. With k = 0 nothing is stored, and a filter that diverges stops at once.
+    vectors, matrices : ndarray
+        Of :func:`storage`. Outputs: states, error estimates, covariances and transitions of each
+        epoch, for :func:`backward`. Where they have no room nothing is stored, and a filter that
+        diverges stops at once.
     gain, ahead, f, q, half, e : ndarray
         Of :func:`scratch`.
 
@@ -135,15 +141,15 @@ def forward(
         if stored:
             copy(x, vectors[k - begin, X_PLUS])
             copy(dx, vectors[k - begin, DX_PLUS])
-            copy_square(p, matrices[k - begin, P_PLUS])
+            copy_square(p, n, matrices[k - begin, P_PLUS])
         predict_state(epochs[k], rate_at_gap(epochs, k), par, n, x, f, q, e)
         predict_error(near, k, x, f, dx, n, hand, e, ahead)
         predict_covariance(p, n, f, q, half)
         if stored:
             copy(x, vectors[k - begin, X_MINUS])
             copy(dx, vectors[k - begin, DX_MINUS])
-            copy_square(p, matrices[k - begin, P_MINUS])
-            copy_square(f, matrices[k - begin, TRANSITION])
+            copy_square(p, n, matrices[k - begin, P_MINUS])
+            copy_square(f, n, matrices[k - begin, TRANSITION])
     copy(x, last_x)
     inject(last_x, dx, n, hand, e)
     keep(p, last_p)
@@ -198,7 +204,9 @@ def backward(
         else:
             less(end_x, vectors[k, X_MINUS], n, hand, difference, e)
         p_plus, p_minus = matrices[k, P_PLUS], matrices[k, P_MINUS]
-        smoother_gain(matrices[k, TRANSITION], p_plus, p_minus, right, low, scale)
+        even = len(p_minus)
+        product(matrices[k, TRANSITION], p_plus, n, n, n, right)
+        smoother_gain(p_minus, even, right, low, scale)
         for j in range(n):
             s = 0.0
             for m in range(n):
@@ -206,6 +214,10 @@ def backward(
             end_dx[j] = vectors[k, DX_PLUS, j] + s
         copy(vectors[k, X_PLUS], end_x)
         inject(end_x, end_dx, n, hand, e)
-        smoother_covariance(p_plus, p_minus, end_p, right, half, low, end_p)
+        smoothed_change(p_minus, end_p, even, right, half, low)
+        for i in range(n):
+            for j in range(i + 1):
+                end_p[i, j] = 0.5 * (p_plus[i, j] + p_plus[j, i]) + low[i, j]
+                end_p[j, i] = end_p[i, j]
         copy(end_x, smoothed[begin + k])
         keep(end_p, covariance[begin + k])

@@ -38,10 +38,10 @@ def copy(source: FloatArray, out: FloatArray) -> None:
 
 
 @part()
-def copy_square(source: FloatArray, out: FloatArray) -> None:
-    """out <- source, of as many rows as columns."""
-    for i in range(len(source)):
-        for j in range(len(source)):
+def copy_square(source: FloatArray, n: int, out: FloatArray) -> None:
+    """out <- source, of n rows and columns."""
+    for i in range(n):
+        for j in range(n):
             out[i, j] = source[i, j]
 
 

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import LINE, FloatArray, IntArray, zeros_on_lines
 from sinstool.methods.height.layout import PARAMETERS as NETWORK_PARAMETERS
 from sinstool.methods.height.layout import STATE_SIZE
-from sinstool.methods.ins_gnss.states import INDEX_SIZE, MOVING, SIZE
+from sinstool.methods.ins_gnss.states import INDEX_SIZE, MOVING, SIZE, WHOLE, WIDTH
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 
 ROWS = 6  # of a GNSS epoch
@@ -82,6 +82,7 @@ EVENT_WIDTH = 3  # kind, time, size
 _MEMORY: tuple[tuple[Any, ...], ...] = (
     # All that the loop carries from block to block
     ("n", np.int64),  # states, of which the first so many move
+    ("width", np.int64),  # of rows: made up with zeros
     ("nav", (NAV_SIZE,)),
     # Taken off: gyro bias, accelerometer scale and bias, gyro scale, misalignment of both
     ("sensors", (24,)),
@@ -91,10 +92,10 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("mean_cw", (3, 3)),  # integral of C_nb[i, j] omega[j]
     # the same of C_nb[i, j] omega[k], then of C_nb[i, j] f[k]: j and k of states.AXES_PAIRS
     ("mean_axes", (3, 12)),
-    ("x", (SIZE,)),  # estimate of the errors
-    ("dx", (SIZE,)),  # sum of the updates at this instant
-    ("p", (SIZE, SIZE)),
-    ("product", (SIZE, SIZE)),  # transition since the latest stored row
+    ("x", (WIDTH,)),  # estimate of the errors
+    ("dx", (WIDTH,)),  # sum of the updates at this instant
+    ("p", (SIZE, WIDTH)),
+    ("product", (SIZE, WIDTH)),  # transition since the latest stored row
     ("ratio", (ROWS,)),  # adapted over given measurement variance
     ("changes_seen", (ROWS,)),
     ("latest", (ROWS,)),  # innovations over their sigma; NaN where there was none
@@ -164,21 +165,21 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("row", np.int64),  # the next of them
     ("events", np.int64),
     # Room to work in
-    ("rates", (MOVING, SIZE)),  # F of the moving states
-    ("phi", (MOVING, SIZE)),
-    ("half", (MOVING, SIZE)),
-    ("decay", (SIZE,)),
-    ("h", (ROWS, SIZE)),
-    ("hp", (ROWS, SIZE)),
+    ("rates", (MOVING, WIDTH)),  # F of the moving states
+    ("phi", (MOVING, WIDTH)),
+    ("half", (MOVING, WIDTH)),
+    ("decay", (WIDTH,)),
+    ("h", (ROWS, WIDTH)),
+    ("hp", (ROWS, WIDTH)),
     ("s", (ROWS, ROWS)),
     ("root", (ROWS, ROWS)),
     ("weight", (ROWS, ROWS)),
     ("nu", (ROWS,)),
     ("r", (ROWS,)),
     ("work", (ROWS,)),
-    ("gain", (ROWS, SIZE)),  # transposed, as is P H^T
-    ("pht", (ROWS, SIZE)),
-    ("old", (SIZE, SIZE)),
+    ("gain", (ROWS, WIDTH)),  # transposed, as is P H^T
+    ("pht", (ROWS, WIDTH)),
+    ("old", (SIZE, WIDTH)),
     ("axes", (3, 3)),  # of a land vehicle in NED, by rows; velocity, rate and force along them
     ("along", (3,)),
     ("about", (3,)),
@@ -188,9 +189,9 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
 _MODEL: tuple[tuple[Any, ...], ...] = (
     ("where", np.int64, (INDEX_SIZE,)),  # FilterKind.index
     ("network", (NETWORK_PARAMETERS,)),  # of the vertical channel
-    ("decay_rate", (SIZE,)),  # 1/s
-    ("noise", (SIZE,)),  # power densities
-    ("p0", (SIZE, SIZE)),
+    ("decay_rate", (WIDTH,)),  # 1/s
+    ("noise", (WIDTH,)),  # power densities
+    ("p0", (SIZE, WIDTH)),
     ("vehicle", (V_PARAMETERS,)),
     ("substep",),  # s
     ("closed",),  # 1: feedback
@@ -227,8 +228,8 @@ _MODEL: tuple[tuple[Any, ...], ...] = (
 
 
 def _record(fields: tuple[tuple[Any, ...], ...]) -> np.dtype[Any]:
-    """Type of a record: float64, unless a field names another."""
-    parts = []
+    """Type of a record: float64, unless a field names another; arrays begin at lines."""
+    names, formats, offsets, end = [], [], [], 0
     for name, *rest in fields:
         kind, shape = np.float64, ()
         for part in rest:
@@ -236,8 +237,14 @@ def _record(fields: tuple[tuple[Any, ...], ...]) -> np.dtype[Any]:
                 shape = part
             else:
                 kind = part
-        parts.append((name, kind, shape))
-    return np.dtype((np.record, parts))
+        one = np.dtype((kind, shape))
+        end += -end % LINE if shape else 0
+        names.append(name)
+        formats.append(one)
+        offsets.append(end)
+        end += one.itemsize
+    whole = {"names": names, "formats": formats, "offsets": offsets, "itemsize": end}
+    return np.dtype((np.record, whole))
 
 
 MEMORY, MODEL = _record(_MEMORY), _record(_MODEL)
@@ -267,8 +274,8 @@ def new_memory(
         What is known of a land vehicle.
     """
     n = len(p0)
-    m: Memory = np.zeros(1, MEMORY)[0]
-    m.n = n
+    m: Memory = zeros_on_lines((1,), MEMORY)[0]
+    m.n, m.width = n, n + -n % WHOLE
     m.nav[:] = nav
     m.sensors[:] = sensors
     m.channel[:] = channel
@@ -306,7 +313,7 @@ def new_model(
         All other fields.
     """
     n = len(p0)
-    model: Model = np.zeros(1, MODEL)[0]
+    model: Model = zeros_on_lines((1,), MODEL)[0]
     model.where[:] = where
     model.network[:] = network
     model.decay_rate[:n] = decay_rate

@@ -230,27 +230,28 @@ def transition(
     ----------
     index : ndarray of int64
         See :func:`error_rates`.
-    rates : ndarray, shape (m, n)
-        F.
-    decay_rate : ndarray, shape (n,)
+    rates : ndarray, shape (m, w)
+        F; the number w of its columns is `I_WIDTH` of the index, of which zeros are the last.
+    decay_rate : ndarray, shape (w,)
         1/s, of the states that do not move.
     delta : float
         s.
-    phi : ndarray, shape (m, n)
+    phi : ndarray, shape (m, w)
         Set.
     decay : ndarray, shape (n,)
         Set, but for the moving states, to ``exp(-decay_rate delta)``.
     """
     m = index[states.I_MOVING]
     n = index[states.I_STATES]
+    width = index[states.I_WIDTH]
     second = 0.5 * delta * delta
     for i in range(m):
-        for j in range(n):
+        for j in range(width):
             phi[i, j] = (delta - second * decay_rate[j]) * rates[i, j]
         for k in range(m):
             f = second * rates[i, k]
             if f != 0.0:
-                for j in range(n):
+                for j in range(width):
                     phi[i, j] += f * rates[k, j]
         phi[i, i] += 1.0
     for j in range(m, n):
@@ -274,15 +275,15 @@ def propagate_covariance(
     ----------
     index : ndarray of int64
         :attr:`sinstool.methods.ins_gnss.states.FilterKind.index`.
-    phi, decay : ndarray, shape (m, n) and (n,)
+    phi, decay : ndarray, shape (m, w) and (n,)
         See :func:`transition`.
     noise : ndarray, shape (n,)
         Power densities.
     delta : float
         s.
-    p : ndarray, shape (n, n)
+    p : ndarray, shape (n, w)
         Changed in place; stays symmetric to the last bit.
-    half : ndarray, shape (m, n)
+    half : ndarray, shape (m, w)
         Room to work in.
     """
     m = index[states.I_MOVING]
@@ -290,7 +291,7 @@ def propagate_covariance(
     n = index[states.I_STATES]
     for i in range(n):
         p[i, i] += 0.5 * delta * noise[i]
-    products.product(phi, p, m, coupled, n, half)
+    products.product(phi, p, m, coupled, index[states.I_WIDTH], half)
     for i in range(m):
         for j in range(i + 1):
             total = 0.0
@@ -332,16 +333,18 @@ def propagate_estimate(
 def propagate_product(
     index: IntArray, phi: FloatArray, decay: FloatArray, product: FloatArray, half: FloatArray
 ) -> None:
-    """Product of transitions, shape (n, n), times that of a substep."""
+    """Product of transitions, shape (n, w), times that of a substep."""
     m = index[states.I_MOVING]
     n = index[states.I_STATES]
-    products.product(phi, product, m, index[states.I_COUPLED], n, half)
+    # Of rows of other states there is no more than the diagonal
+    products.product(phi, product, m, m, index[states.I_WIDTH], half)
     for i in range(m):
-        for j in range(n):
+        for j in range(m):
             product[i, j] = half[i, j]
+        for j in range(m, n):
+            product[i, j] = half[i, j] + phi[i, j] * product[j, j]
     for i in range(m, n):
-        for j in range(n):
-            product[i, j] *= decay[i]
+        product[i, i] *= decay[i]
 
 
 @part()

@@ -11,11 +11,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray
+from sinstool.core.arrays import FloatArray, IntArray, zeros_on_lines
 from sinstool.core.parts import kernel, part
+from sinstool.methods import products
 from sinstool.methods.ins_gnss.results import StoredEpochs
 from sinstool.methods.ins_gnss.states import ATTITUDE, I_MOVING, FilterKind
-from sinstool.methods.rts import smoother_covariance, smoother_gain
+from sinstool.methods.rts import COLUMNS, ROWS, smoothed_change, smoother_gain
 
 CORNER = ATTITUDE + 3
 """Of position, velocity and attitude, which come first among the states."""
@@ -109,10 +110,10 @@ def _pack(
 
 
 @part()
-def _unpack(packed: FloatArray, first: int, out: FloatArray) -> None:
-    """Symmetric matrix of its lower triangle, from a row on."""
+def _unpack(packed: FloatArray, first: int, n: int, out: FloatArray) -> None:
+    """Symmetric matrix of `n` rows by its lower triangle, from a row on."""
     at = 0
-    for i in range(first, len(out)):
+    for i in range(first, n):
         for j in range(i + 1):
             out[i, j] = packed[at + j]
             out[j, i] = packed[at + j]
@@ -120,12 +121,12 @@ def _unpack(packed: FloatArray, first: int, out: FloatArray) -> None:
 
 
 @part()
-def _unpack_after(corner: FloatArray, rest: FloatArray, out: FloatArray) -> None:
+def _unpack_after(corner: FloatArray, rest: FloatArray, n: int, out: FloatArray) -> None:
     """Covariance after the measurements of a row."""
     for i in range(CORNER):
         for j in range(CORNER):
             out[i, j] = corner[i, j]
-    _unpack(rest, CORNER, out)
+    _unpack(rest, CORNER, n, out)
 
 
 @part()
@@ -133,6 +134,30 @@ def _keep(after: FloatArray, corner: FloatArray) -> None:
     for i in range(len(corner)):
         for j in range(len(corner)):
             corner[i, j] = after[i, j]
+
+
+@part()
+def _driven_first(plus: FloatArray, minus: FloatArray, decay: FloatArray, order: IntArray) -> int:
+    """Put states that noise drives before others, whose errors stay as they are; how many."""
+    n = len(order)
+    moves = n - len(decay)
+    count, other = 0, n
+    for i in range(n):
+        if i >= moves and decay[i - moves] == 1.0 and plus[i, i] == minus[i, i]:
+            other -= 1
+            order[other] = i
+        else:
+            order[count] = i
+            count += 1
+    return count
+
+
+def room(n: int) -> tuple[FloatArray, FloatArray, FloatArray, IntArray]:
+    """Scratch of :func:`smooth_backward` for so many states."""
+    even, width = n + -n % ROWS, n + -n % COLUMNS
+    shapes = (6, even, width), (width, width), (2, width)
+    work, change, lines = (zeros_on_lines(shape) for shape in shapes)
+    return work, change, lines, np.empty(n, dtype=np.int64)
 
 
 @kernel()
@@ -147,6 +172,9 @@ def smooth_backward(
     begins: bool,
     after: FloatArray,
     work: FloatArray,
+    change: FloatArray,
+    lines: FloatArray,
+    order: IntArray,
     d: FloatArray,
     whole: FloatArray,
 ) -> None:
@@ -164,8 +192,8 @@ def smooth_backward(
         The last row is that of the run; otherwise it is smoothed already.
     after : ndarray, shape (n, n)
         Smoothed covariance of the last row, unless it is that of the run; becomes the first's.
-    work : ndarray, shape (7, n, n)
-        Scratch.
+    work, change, lines, order : ndarray
+        Of :func:`room`.
     d : ndarray, shape (m, n)
         Gets what later rows add to the estimate of each.
     whole : ndarray, shape (m, n, n), or without rows
@@ -173,15 +201,12 @@ def smooth_backward(
     """
     n, moves = d.shape[1], moving.shape[1]
     last = d.shape[0] - 1
-    low, gain, diff = work[0], work[1], work[2]
-    plus, minus, transition = work[3], work[4], work[5]
-    scale, x = work[6, 0], work[6, 1]
+    gain, some, product, minus, plus, up = work[0], work[1], work[2], work[3], work[4], work[5]
+    scale, x = lines[0, : len(gain)], lines[1]
     for i in range(n):
         d[last, i] = 0.0
-        for j in range(n):
-            transition[i, j] = 0.0
     if begins:
-        _unpack_after(corner[last], rest[last], after)
+        _unpack_after(corner[last], rest[last], n, after)
         if len(whole) > 0:
             _keep(after, whole[last])
     for k in range(last - 1, -1, -1):
@@ -189,24 +214,38 @@ def smooth_backward(
         if starts[following]:
             for i in range(n):
                 d[k, i] = 0.0
-            _unpack_after(corner[k], rest[k], after)
+            _unpack_after(corner[k], rest[k], n, after)
         else:
-            for i in range(moves):
-                for j in range(n):
-                    transition[i, j] = moving[following, i, j]
-            for i in range(moves, n):
-                transition[i, i] = decay[following, i - moves]
-            _unpack(before[following], 0, minus)
-            _unpack_after(corner[k], rest[k], plus)
-            smoother_gain(transition, plus, minus, gain, low, scale)
-            for j in range(n):
-                s = 0.0
-                for m in range(n):
-                    s += gain[m, j] * (d[following, m] + correction[following, m])
-                x[j] = s
-            smoother_covariance(plus, minus, after, gain, diff, low, after)
+            _unpack(before[following], 0, n, minus)
+            _unpack_after(corner[k], rest[k], n, plus)
+            count = _driven_first(plus, minus, decay[following], order)
+            columns = count + -count % COLUMNS
+            count = min(columns, n)
             for i in range(n):
-                d[k, i] = x[i]
+                for j in range(count):
+                    some[i, j] = plus[i, order[j]]
+            products.product(moving[following], some, moves, n, columns, gain)
+            for i in range(moves, n):
+                for j in range(columns):
+                    gain[i, j] = decay[following, i - moves] * some[i, j]
+            smoother_gain(minus, columns, gain, up, scale)
+            for j in range(columns):
+                x[j] = 0.0
+            for i in range(n):
+                f = d[following, i] + correction[following, i]
+                d[k, i] = f
+                for j in range(columns):
+                    x[j] += f * gain[i, j]
+            for j in range(count):
+                d[k, order[j]] = x[j]
+            smoothed_change(minus, after, columns, gain, product, change)
+            for i in range(n):
+                at = order[i]
+                for j in range(min(i + 1, count)):
+                    to = order[j]
+                    by = change[i, j] if i < count else -product[at, j]
+                    after[at, to] = plus[at, to] + by
+                    after[to, at] = after[at, to]
             _keep(after, corner[k])
         if len(whole) > 0:
             _keep(after, whole[k])

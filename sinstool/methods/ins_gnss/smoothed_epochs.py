@@ -30,7 +30,7 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.methods.ins_gnss.results import StoredEpochs
-from sinstool.methods.ins_gnss.rts import Packed, pack, smooth_backward
+from sinstool.methods.ins_gnss.rts import Packed, pack, room, smooth_backward
 from sinstool.methods.ins_gnss.states import FilterKind
 
 # Bytes of rows that are smoothed before their memory is given back.
@@ -127,7 +127,8 @@ def smooth_columns(
     error, error_before = (np.asarray(columns[name]) for name in ("estimate", "correction"))
     starts = np.array(columns["restart"])
     error_before[starts] = 0.0
-    work, after = np.empty((7, n, n)), np.empty((n, n))
+    after = np.empty((n, n))
+    work, change, lines, order = room(n)
     none = np.empty((0, n, n))
     rows = max(1, AT_ONCE // (8 * sum(int(column[0].size) for column in packed)))
     end = m
@@ -144,6 +145,9 @@ def smooth_columns(
             end == m,
             after,
             work,
+            change,
+            lines,
+            order,
             d,
             none if whole is None else whole[piece],
         )

@@ -75,6 +75,9 @@ GNSS_VELOCITY = 38
 LAND_VEHICLE = 41
 SIZE = 47
 MOVING = 10  # of them at most
+# Loops of compiled code run over multiples of so many states, made up with zeros: what is left of
+# others is gone through one by one. Rows of so many numbers begin where lines of the cache do.
+WHOLE, WIDTH = 4, 48
 # Within the block of the land vehicle
 MOUNT_PITCH, MOUNT_YAW, AXLE, SIDESLIP, SQUAT, WHEEL_SCALE = range(6)
 
@@ -112,8 +115,8 @@ AXES_PAIRS = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 # Where the numbers of an index array are: see FilterKind.index.
 I_CORRECTION, I_BARO, I_GYRO_BIAS, I_ACCEL_SCALE, I_ACCEL_BIAS, I_GYRO_SCALE = 0, 1, 2, 3, 4, 5
 I_GYRO_AXES, I_ACCEL_AXES, I_GNSS_POSITION, I_GNSS_VELOCITY, I_LAND_VEHICLE = 6, 7, 8, 9, 10
-I_MOVING, I_COUPLED, I_STATES = 11, 12, 13
-INDEX_SIZE = 14
+I_MOVING, I_COUPLED, I_STATES, I_WIDTH = 11, 12, 13, 14
+INDEX_SIZE = 15
 
 
 @dataclass(frozen=True)
@@ -190,7 +193,7 @@ class FilterKind:
         """Indices for compiled code; see the numbers ``I_...`` of this module.
 
         Own indices of the blocks from the correction on (-1: not there), then how many states
-        move, how many are coupled to those, how many there are.
+        move, how many are coupled to those, how many there are, and how many that makes with zeros.
         """
         first = [
             self.first(block)
@@ -210,7 +213,8 @@ class FilterKind:
         ]
         moving = int(np.sum(self.states < BARO))
         coupled = int(np.sum(self.states < GNSS_POSITION))
-        return np.array([*first, moving, coupled, self.size], dtype=np.int64)
+        width = self.size + -self.size % WHOLE
+        return np.array([*first, moving, coupled, self.size, width], dtype=np.int64)
 
 
 _VEHICLE = (POSITION, VELOCITY, ATTITUDE)

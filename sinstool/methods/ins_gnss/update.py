@@ -24,7 +24,7 @@ NOT_LEVEL, NO_HEADING, LEVEL, LEVELLING = 0.05, 1.5, 0.00175, 5.0
 def project(m: Memory, rows: int) -> None:
     """``hp = H P`` and ``s = H P H^T``, without the measurement's own noise."""
     n = m.n
-    product(m.h, m.p, rows, n, n, m.hp)
+    product(m.h, m.p, rows, n, m.width, m.hp)
     for i in range(rows):
         for j in range(i + 1):
             total = 0.0
@@ -108,12 +108,13 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
                 for i in range(rows):
                     m.weight[i, c] += epsilon * m.pht[i, c]
     # Along rows, which the processor takes several at a time, and without the zeros of H
+    width = m.width
     for c in range(rows):
-        for i in range(n):
+        for i in range(width):
             m.gain[c, i] = 0.0
         for k in range(rows):
             f = m.weight[k, c]
-            for i in range(n):
+            for i in range(width):
                 m.gain[c, i] += m.hp[k, i] * f
     if _levelling(m):
         for c in range(rows):
@@ -126,20 +127,20 @@ def apply_measurement(m: Memory, rows: int, epsilon: float) -> bool:
         m.dx[i] += total
     # ((I - K H) P)^T, then (I - K H) times it, and K R K^T
     for i in range(n):
-        for j in range(n):
+        for j in range(width):
             m.old[i, j] = m.p[i, j]
-    _take_off(m.hp, m.gain, rows, n, m.old)
+    _take_off(m.hp, m.gain, rows, n, width, m.old)
     for c in range(rows):
-        for i in range(n):
+        for i in range(width):
             m.pht[c, i] = 0.0
         for k in range(n):
             f = m.h[c, k]
             if f != 0.0:
-                for i in range(n):
+                for i in range(width):
                     m.pht[c, i] += m.old[k, i] * f
-        for i in range(n):
+        for i in range(width):
             m.pht[c, i] -= m.gain[c, i] * m.r[c]
-    _take_off(m.gain, m.pht, rows, n, m.old)
+    _take_off(m.gain, m.pht, rows, n, width, m.old)
     for i in range(n):
         for j in range(i + 1):
             m.p[i, j] = 0.5 * (m.old[i, j] + m.old[j, i])
@@ -159,24 +160,24 @@ def _levelling(m: Memory) -> bool:
 
 
 @part()
-def _take_off(a: FloatArray, b: FloatArray, rows: int, n: int, out: FloatArray) -> None:
+def _take_off(a: FloatArray, b: FloatArray, rows: int, n: int, width: int, out: FloatArray) -> None:
     """``out -= a^T b``; of six rows or three at once, whose places the compiler then knows."""
     if rows == 6:
         for i in range(n):
             f, g, h, p, q, r = a[0, i], a[1, i], a[2, i], a[3, i], a[4, i], a[5, i]
-            for j in range(n):
+            for j in range(width):
                 first = out[i, j] - f * b[0, j] - g * b[1, j] - h * b[2, j]
                 out[i, j] = first - p * b[3, j] - q * b[4, j] - r * b[5, j]
     elif rows == 3:
         for i in range(n):
             f, g, h = a[0, i], a[1, i], a[2, i]
-            for j in range(n):
+            for j in range(width):
                 out[i, j] = out[i, j] - f * b[0, j] - g * b[1, j] - h * b[2, j]
     else:
         for i in range(n):
             for c in range(rows):
                 f = a[c, i]
-                for j in range(n):
+                for j in range(width):
                     out[i, j] -= f * b[c, j]
 
 

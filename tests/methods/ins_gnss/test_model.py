@@ -38,6 +38,7 @@ from sinstool.methods.ins_gnss.states import (
     I_MOVING,
     I_STATES,
     VELOCITY,
+    WIDTH,
 )
 from sinstool.methods.strapdown import navigation
 
@@ -220,11 +221,13 @@ def test_transition_is_the_exponential_to_second_order(motion):
     full -= np.diag(decay_rate)
     off = []
     for delta in (0.2, 0.1):
-        phi, decay = np.zeros((10, SIZE)), np.ones(SIZE)
-        transition(FULL.index, full[:10] + 0.0, decay_rate, delta, phi, decay)
+        phi, decay = np.zeros((10, WIDTH)), np.ones(WIDTH)
+        made_up = np.pad(full[:10], ((0, 0), (0, WIDTH - SIZE)))
+        transition(FULL.index, made_up, np.append(decay_rate, 0.0), delta, phi, decay)
         exact = expm(full * delta)
-        off.append(abs(phi - exact[:10]).max())
-        assert decay[10:] == pytest.approx(np.diag(exact)[10:], rel=1e-12)
+        off.append(abs(phi[:, :SIZE] - exact[:10]).max())
+        assert not phi[:, SIZE:].any()
+        assert decay[10:SIZE] == pytest.approx(np.diag(exact)[10:], rel=1e-12)
     assert off[0] < 0.05
     assert np.log2(off[0] / off[1]) == pytest.approx(3.0, abs=0.15)
 

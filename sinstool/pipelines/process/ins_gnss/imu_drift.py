@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -207,10 +207,15 @@ def shaking(
     shown = shown_increments(source, config, algorithm, start, None)
     if shown is None:
         return None
-    stage = MeansStage(start.time_ns)
-    stage.push(shown)
     late = round(start.settings.gnss_latency * SECOND)
-    return find_shaking(stage.finish(), start.used, late)
+    made, fixes = source.samples.made, (start.gnss, start.withheld)
+    key = "shaking", late, start.time_ns, *map(id, fixes)
+    if key not in made:
+        stage = MeansStage(start.time_ns)
+        stage.push(shown)
+        # With the fixes, as others may be where those were
+        made[key] = find_shaking(stage.finish(), start.used, late), fixes
+    return cast("Shaking", made[key][0])
 
 
 class Drift:

@@ -14,7 +14,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray
 from sinstool.core.chi_square import upper_point
-from sinstool.core.streams import GnssEpochs, concatenate, take_rows
+from sinstool.core.streams import take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -22,7 +22,7 @@ from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_drift import shaking
-from sinstool.survey.increments import SegmentIncrements
+from sinstool.survey.increments import first_increments
 from sinstool.survey.source import Source
 
 # So much of a log shows it.
@@ -80,18 +80,11 @@ def fit(
         output=False,
         constraints=None if shaken is None else shaken.constraints(start.settings.imu),
     )
-    gnss: GnssEpochs | None = start.used
-    steps = SegmentIncrements(source, config, algorithm)
-    parts, last_ns = [], start.time_ns
-    for increments, _, _ in steps.from_time(start.time_ns, start.time_ns + SHOWN_NS):
-        if int(increments.time_ns[0]) - last_ns > round(start.settings.max_gap * SECOND):
-            break
-        last_ns = int(increments.time_ns[-1])
-        parts.append(run.push(increments, gnss).gnss)
-        gnss = None
-    if not parts:
+    gap_ns = round(start.settings.max_gap * SECOND)
+    shown = first_increments(source, config, algorithm, start.time_ns, SHOWN_NS, gap_ns)
+    if shown is None:
         return None
-    epochs = concatenate(parts)
+    epochs = run.push(shown, start.used).gnss
     epochs = take_rows(epochs, np.isfinite(epochs.nis))
     if len(epochs) < LEAST_EPOCHS:
         return None

@@ -13,7 +13,12 @@ from typing import get_args
 
 from sinstool.config import ProcessConfig
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.sensor_errors import LOW_COST, Grade, log_odds_uncalibrated
+from sinstool.methods.sensor_errors import (
+    LOW_COST,
+    Grade,
+    SensorGrade,
+    log_odds_uncalibrated,
+)
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
     as_in_motion,
@@ -35,35 +40,61 @@ QUIETER, LEAST_GAIN = 0.7, 10.0
 CALIBRATED_AS: tuple[Grade, ...] = ("consumer", "mems", "industrial")
 
 
-def likelier_low_cost(
-    source: Source,
-    config: ProcessConfig,
-    algorithm: ConingAlgorithm,
-    start: FilterStart,
-    factors: NoiseFactors,
-) -> ImuGrade | None:
+class GradeFits:
+    """Fits of a start with sensors of other grades and the noise of its drift, each made once.
+
+    Parameters
+    ----------
+    start : FilterStart
+        Whose grade is judged.
+    factors : NoiseFactors
+        With which its sensors are as noisy as its drift shows.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        config: ProcessConfig,
+        algorithm: ConingAlgorithm,
+        start: FilterStart,
+        factors: NoiseFactors,
+    ) -> None:
+        self.source, self.config, self.start, self.factors = source, config, start, factors
+        self._algorithm = algorithm
+        self._made: dict[Grade, Fit | None] = {}
+
+    def sensors(self, grade: Grade) -> SensorGrade:
+        """Errors of the sensors of a grade."""
+        return imu_noise(self.config, grade, has_scales(self.config))
+
+    def of(self, grade: Grade) -> Fit | None:
+        """Fit of sensors of a grade with the noise that the drift shows."""
+        if grade not in self._made:
+            shown = self.start.by_the_fixes
+            used = self.factors.of(shown.settings, virtual_noise=False)
+            used = replace(used, imu=as_noisy_as(self.sensors(grade), used.imu))
+            noisy = replace(shown, settings=used)
+            self._made[grade] = fit(self.source, self.config, self._algorithm, noisy)
+        return self._made[grade]
+
+
+def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
     """Of a low-cost Imu: calibrated only if innovations are clearly likelier so, and its bias is.
 
     The noise of calibrated Imus and of bare chips is the same, but scale factors and angles of
     these are ten to fifty times as large.
-
-    Parameters
-    ----------
-    factors : NoiseFactors
-        With which the sensors of `start` are as noisy as their drift shows.
 
     Returns
     -------
     ImuGrade or None
         None where the Imu is a better one, its noise was measured, or too few fixes show it.
     """
-    if start.grade.grade not in LOW_COST or config.navigation.imu_noise is not None:
+    if fits.start.grade.grade not in LOW_COST or fits.config.navigation.imu_noise is not None:
         return None
-    bare, *calibrated = (
-        _fit_as(grade, source, config, algorithm, start, factors) for grade in CALIBRATED_AS
-    )
+    bare, *calibrated = (fits.of(grade) for grade in CALIBRATED_AS)
     if bare is None:
         return None
+    source = fits.source
     rest = longest_rest(source.survey.spans, source.aiding.gnss)
     least = LEAST_GAIN if rest is None else LEAST_GAIN + 2.0 * log_odds_uncalibrated(rest.gyro)
     gains = [(bare.cost - fit.cost) * fit.epochs for fit in calibrated if fit is not None]
@@ -72,14 +103,7 @@ def likelier_low_cost(
     return ImuGrade("consumer", "as innovations do not show that it is calibrated")
 
 
-def better_grade(
-    source: Source,
-    config: ProcessConfig,
-    algorithm: ConingAlgorithm,
-    start: FilterStart,
-    drift: Drift,
-    factors: NoiseFactors,
-) -> Grade | None:
+def better_grade(fits: GradeFits, drift: Drift) -> Grade | None:
     """A better grade that explains a drift clearly better than quieter sensors of this one do.
 
     An idling engine makes good sensors look poor at rest, and without a rest they are taken for
@@ -88,25 +112,19 @@ def better_grade(
 
     Parameters
     ----------
-    start : FilterStart
-        Whose grade, if it is of low cost, innovations have judged.
-    drift, factors : Drift, NoiseFactors
-        Of `start`.
+    fits : GradeFits
+        Of a start whose grade, if it is of low cost, innovations have judged.
+    drift : Drift
+        Of the same start.
     """
-    if factors.gyro >= QUIETER or config.navigation.imu_noise is not None:
+    if fits.factors.gyro >= QUIETER or fits.config.navigation.imu_noise is not None:
         return None
     order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
-    judged = start.grade.grade
+    judged = fits.start.grade.grade
     others = order[max(order.index(judged), order.index(LOW_COST[-1])) + 1 :]
-    fits = {
-        grade: _fit_as(grade, source, config, algorithm, start, factors)
-        for grade in (judged, *others)
-    }
-    left = [grade for grade in others if not _refuted(fits[grade], fits[judged])]
-    sensors = {
-        grade: as_in_motion(source, imu_noise(config, grade, has_scales(config))) for grade in left
-    }
-    return clearly_likelier(drift.gains(factors, sensors))
+    left = [grade for grade in others if not _refuted(fits.of(grade), fits.of(judged))]
+    sensors = {grade: as_in_motion(fits.source, fits.sensors(grade)) for grade in left}
+    return clearly_likelier(drift.gains(fits.factors, sensors))
 
 
 def clearly_likelier(gains: Mapping[Grade, float]) -> Grade | None:
@@ -126,18 +144,3 @@ def clearly_likelier(gains: Mapping[Grade, float]) -> Grade | None:
 
 def _refuted(other: Fit | None, judged: Fit | None) -> bool:
     return other is not None and judged is not None and other.worse_than(judged)
-
-
-def _fit_as(
-    grade: Grade,
-    source: Source,
-    config: ProcessConfig,
-    algorithm: ConingAlgorithm,
-    start: FilterStart,
-    factors: NoiseFactors,
-) -> Fit | None:
-    """Fit of sensors of a grade with the noise that the drift shows."""
-    shown = start.by_the_fixes
-    used = factors.of(shown.settings, virtual_noise=False)
-    sensors = as_noisy_as(imu_noise(config, grade, has_scales(config)), used.imu)
-    return fit(source, config, algorithm, replace(shown, settings=replace(used, imu=sensors)))

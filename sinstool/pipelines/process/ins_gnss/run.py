@@ -206,6 +206,7 @@ class FilterRun(Mode):
         for block, imu in self._run(stretch, progress):
             assert block.updates is not None
             yield from self._scored(self._solution(block.updates, imu.log_time_ns))
+            del block
 
     def _smoothed(self, stretch: Stretch, progress: BytesRead | None) -> Iterator[Solution]:
         log_times: list[np.ndarray] = []
@@ -216,6 +217,7 @@ class FilterRun(Mode):
                     self._filtered.push(self._solution(block.updates, imu.log_time_ns))
                 smoother.push(block)
                 log_times.append(imu.log_time_ns)
+                del block
             if not log_times:
                 return
             vehicle = stretch.filter.summary.land_vehicle
@@ -288,6 +290,8 @@ class FilterRun(Mode):
                 self._gnss.append(block.gnss)
                 self._unwritten.append(block.gnss)
             yield block, imu
+            # What is let go before the next block is taken again: new memory is cleared first
+            del block, updates
 
     def _begins_anew(self, stretch: Stretch, last_ns: int, increments: Increments) -> bool:
         """Whether increments lie beyond a gap and a new start was found there, which comes next."""

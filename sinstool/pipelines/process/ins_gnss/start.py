@@ -27,7 +27,11 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import (
 )
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
 from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
-from sinstool.pipelines.process.ins_gnss.likelier_grade import better_grade, likelier_low_cost
+from sinstool.pipelines.process.ins_gnss.likelier_grade import (
+    GradeFits,
+    better_grade,
+    likelier_low_cost,
+)
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.receiver import (
     times_as_noisy,
@@ -221,9 +225,10 @@ def _drifting(
         other, less = _as_quiet_as_in_motion(source, config, algorithm, other)
         if less.ratio < drift.ratio:
             first, start, drift = begun, other, less
-    first, start, drift = _calibrated(source, config, algorithm, first, start, drift)
-    factors = drift.factors()
-    better = better_grade(source, config, algorithm, start, drift, factors)
+    fits = GradeFits(source, config, algorithm, start, drift.factors())
+    first, start, drift, fits = _calibrated(source, config, algorithm, first, drift, fits)
+    factors = fits.factors
+    better = better_grade(fits, drift)
     if better is not None:
         try:
             why, before = "by its drift without fixes", start.grade.grade
@@ -276,28 +281,29 @@ def _calibrated(
     config: ProcessConfig,
     algorithm: ConingAlgorithm,
     first: FilterStart,
-    start: FilterStart,
     drift: Drift,
-) -> tuple[FilterStart, FilterStart, Drift]:
+    fits: GradeFits,
+) -> tuple[FilterStart, FilterStart, Drift, GradeFits]:
     """A start with a low-cost Imu that is calibrated or not, as innovations have it.
 
     Parameters
     ----------
     first : FilterStart
-        From which `start` was made.
-    drift : Drift
-        Of `start`.
+        From which the start that is judged was made.
+    drift, fits : Drift, GradeFits
+        Of that start.
     """
-    judged = likelier_low_cost(source, config, algorithm, start, drift.factors())
+    start, judged = fits.start, likelier_low_cost(fits)
     if judged is None or judged.grade == start.grade.grade:
-        return first, start, drift
+        return first, start, drift, fits
     try:
         begun = _begun_as(source, config, first, judged, start.lag)
         other = _timed(source, config, algorithm, begun)
     except AlignmentError:
-        return first, start, drift
+        return first, start, drift, fits
     log_choice("IMU grade", f"{judged.grade}, {judged.why}")
-    return begun, *_as_quiet_as_in_motion(source, config, algorithm, other)
+    other, drift = _as_quiet_as_in_motion(source, config, algorithm, other)
+    return begun, other, drift, GradeFits(source, config, algorithm, other, drift.factors())
 
 
 def _begun_as(

@@ -104,6 +104,18 @@ def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path,
     assert start.grade.grade in ("mems", "industrial")
 
 
+def test_a_grade_is_fitted_once(tmp_path, monkeypatch):
+    fitted, fit = [], likelier_grade.fit
+
+    def counted(source, config, algorithm, start):
+        fitted.append(start.settings.imu)
+        return fit(source, config, algorithm, start)
+
+    monkeypatch.setattr(likelier_grade, "fit", counted)
+    start_of(idling(tmp_path / "log.mcap", "mems", 3), gnss={"gnss_latency": 0.0})
+    assert len(fitted) == len(set(fitted)) > 3
+
+
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_an_engine_that_idles_is_no_fault_of_a_navigation_grade_nor_of_the_fixes(tmp_path, seed):
     """Its noise at rest passed for a bias, and for fixes that wander by twice what they say."""
@@ -167,12 +179,14 @@ def test_a_low_cost_imu_is_calibrated_by_innovations_and_bias_together(
     monkeypatch, bias_deg_s, gain, expected
 ):
     costs = {"consumer": 5.0, "mems": 5.0 - gain / 100, "industrial": 9.0}
-    monkeypatch.setattr(likelier_grade, "_fit_as", lambda grade, *_: Fit(1.0, costs[grade], 100))
+    shown = {grade: Fit(1.0, cost, 100) for grade, cost in costs.items()}
+    monkeypatch.setattr(likelier_grade.GradeFits, "of", lambda _, grade: shown[grade])
     rest = None if bias_deg_s is None else SimpleNamespace(gyro=np.deg2rad([bias_deg_s, 0.0, 0.0]))
     monkeypatch.setattr(likelier_grade, "longest_rest", lambda *_: rest)
     source = SimpleNamespace(survey=SimpleNamespace(spans=()), aiding=SimpleNamespace(gnss=None))
     before = SimpleNamespace(grade=ImuGrade("mems", "by its noise"))
-    judged = likelier_grade.likelier_low_cost(source, ProcessConfig(), None, before, None)
+    fits = likelier_grade.GradeFits(source, ProcessConfig(), None, before, None)
+    judged = likelier_grade.likelier_low_cost(fits)
     assert judged is not None and judged.grade == expected
 
 
