@@ -22,7 +22,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from sinstool.core import llvm
 from sinstool.core.compiled_files import CompiledFiles, base_name, folder_of, warn_uncached
 from sinstool.core.compiled_sources import stamp
 
@@ -200,27 +199,56 @@ def _files(function: Any) -> CompiledFiles | None:
 
 def _linked(code: Code) -> Entry | None:
     """The way into code; None where functions that it needs are missing."""
+    from llvmlite import binding  # type: ignore[import-untyped]
+
+    _set_up_llvm()
     with _lock:
         # Making an engine takes ten times as long as putting code into one. Where two go by the
         # same name, each needs its own.
-        engine = llvm.Engine() if code.name in _named else _shared_engine()
+        engine = _engine() if code.name in _named else _shared_engine()
         # Before the first engine LLVM knows no function
-        if not all(map(llvm.has, code.needs)):
+        if not all(binding.address_of_symbol(name) for name in code.needs):
             return None
         _named.add(code.name)
-        address = engine.address(code.object, code.name)
+        engine.add_object_file(binding.ObjectFileRef.from_data(code.object))
+        engine.finalize_object()
+        address = engine.get_function_address(code.name)
     return Entry(address, code.returns, code.is_tuple, engine)
+
+
+def _engine() -> Any:
+    """What holds code, without any."""
+    from llvmlite import binding
+
+    machine = binding.Target.from_default_triple().create_target_machine(jit=True)
+    return binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
 
 
 _lock = Lock()
 _named: set[str] = set()
-_shared_engine = cache(llvm.Engine)
+_shared_engine = cache(_engine)
+
+
+@cache
+def _set_up_llvm() -> None:
+    from llvmlite import binding
+
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
 
 
 def _whole(key: Any) -> Any:
     """Types of arguments, and the processor that code for them is made for."""
+    return repr(key), _processor()
+
+
+@cache
+def _processor() -> tuple[Any, ...]:
+    from llvmlite import binding
+
+    features = binding.get_host_cpu_features().flatten()
     asked = tuple(os.environ.get(name) for name in _VARIABLES)
-    return repr(key), (*llvm.processor(), asked)
+    return binding.get_process_triple(), binding.get_host_cpu_name(), features, asked
 
 
 @cache

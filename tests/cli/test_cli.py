@@ -612,14 +612,6 @@ def test_printing_a_configuration_compiles_nothing():
     assert {"scipy", "rosbags", "mcap", "rich"} & set(loaded) == set()
 
 
-def test_pydantic_reads_no_metadata_to_look_for_no_plugins():
-    command = [sys.executable, "-X", "importtime", "-m", "sinstool", "process", "--print-config"]
-    run = subprocess.run(command, capture_output=True, text=True, check=True)
-    loaded = set(re.findall(r"\| +([\w.]+)$", run.stderr, re.MULTILINE))
-    assert "pydantic.plugin._schema_validator" in loaded
-    assert {"email", "importlib.metadata"} & loaded == set()
-
-
 def loaded_by(words):
     """Modules that a command has imported, the second time, with its kernels compiled."""
     code = (
@@ -638,7 +630,7 @@ def test_a_run_imports_only_what_it_uses(tmp_path):
     words = ["process", str(ROOT / "sample_data/static.mcap"), "-o", out, "--overwrite", "-q"]
     loaded = loaded_by([*words, "--mode", "attitude"])
     others = {"scipy.linalg", "scipy.spatial", "scipy.special", "numba", "numpy.f2py"}
-    assert (others | {"llvmlite.binding", "llvmlite.ir"}) & set(loaded) == set()
+    assert others & set(loaded) == set()
     assert {"sinstool.report.markup", "rosbags.typesys.stores.ros2_dashing"} & set(loaded) == set()
 
 
