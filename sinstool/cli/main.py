@@ -11,7 +11,6 @@ import shlex
 import signal
 import sys
 import time
-import types
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -94,7 +93,8 @@ def main() -> None:
     """Run the command line; every failure a user can cause ends in one line."""
     # Our loops are compiled and our matrices small: threads of BLAS would only wait, spinning.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    _pass_over_plugins_of_pydantic()
+    # To look for plugins it reads the metadata of every installed package.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # Of numbers that are none; where they matter they are counted and named in our own words.
     if not sys.warnoptions:
         warnings.simplefilter("ignore", RuntimeWarning)
@@ -229,17 +229,6 @@ def _interrupted(exc: BaseException) -> bool:
             return True
         cause = cause.__context__
     return False
-
-
-def _pass_over_plugins_of_pydantic() -> None:
-    """Let pydantic look for no plugins, for which it reads the metadata of every installed package.
-
-    Told not to it still imports what reads them, and all of `email` with that.
-    """
-    if os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__") == "__all__":
-        loader: Any = types.ModuleType("pydantic.plugin._loader")
-        loader.get_plugins = tuple
-        sys.modules.setdefault(loader.__name__, loader)
 
 
 def _run(outputs: Sequence[Path]) -> None:
