@@ -48,6 +48,7 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
     vehicle_of,
 )
 from sinstool.pipelines.process.ins_gnss.contradictions import contradictions
+from sinstool.pipelines.process.ins_gnss.false_fixes import with_honest_fixes
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.untrusted import (
@@ -103,8 +104,11 @@ class FilterRun(Mode):
     diagnostic_names = DIAGNOSTIC_NAMES
 
     def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
+        source, first, self._false_fixes = with_honest_fixes(
+            source, config, plan.algorithm, plan.filter_start
+        )
         super().__init__(source, config, plan)
-        self._planned = timed_start(source, config, plan.algorithm, plan.filter_start)
+        self._planned = timed_start(source, config, plan.algorithm, first)
         start = start_before_gaps(source, config, self._planned) or self._planned
         self._start = start
         self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")
@@ -437,6 +441,7 @@ class FilterRun(Mode):
 
         if self.plan.algorithm.caveat:
             note("coning", self.plan.algorithm.caveat)
+        findings += self._false_fixes
         findings += settings_used.notes(p, s, self.config, self._offsets_error.largest_m)
         before = (p.time_ns - self.source.survey.first_ns) / SECOND
         if before > 0.0:
