@@ -24,6 +24,7 @@ from tests.helpers.unseen_drives import (
     smoothed,
     write,
 )
+from tests.helpers.unseen_errors import slower
 
 LATE = np.diag([1e-4, 0.0, 0.0, 0.0])  # by 10 ms
 
@@ -58,13 +59,6 @@ def test_a_flight_is_as_far_off_as_its_sigmas_say(tmp_path):
     assert np.mean(square / variance) < 2.0 and np.mean(variance) < 0.06**2  # given, it is certain
 
 
-def means_of_four(data):
-    """The same at 50 Hz, each sample the mean until its stamp."""
-    parts = [part[1:][: len(part[1:]) // 4 * 4] for part in (data.seconds, data.gyro, data.accel)]
-    seconds, gyro, accel = (part.reshape(-1, 4, *part.shape[1:]) for part in parts)
-    return replace(data, seconds=seconds[:, -1], gyro=gyro.mean(axis=1), accel=accel.mean(axis=1))
-
-
 def winding(seed, duration=120.0):
     """A kart that weaves at 15 m/s on a rough track: quick changes of velocity in all axes."""
     random = np.random.default_rng([seed, 11])
@@ -83,7 +77,7 @@ def test_velocity_may_be_of_half_a_sample_ago(tmp_path):
     ratios = []
     for seed in range(3):
         data = record(winding(seed), GRADES["industrial"], seed, gnss_rate=5.0, sigma=0.02)
-        log = write(tmp_path / "log.mcap", means_of_four(data))
+        log = write(tmp_path / "log.mcap", slower(data, 4))
         _, solution = run(log, gnss={"lever_arm": tuple(LEVER.tolist())}, filter={"smooth": True})
         rows = solution.rows((solution.time_ns - T0) * 1e-9 > 20.0)
         error = data.truth.errors_of(
@@ -100,7 +94,7 @@ def test_samples_may_be_of_half_a_sample_ago(tmp_path):
     for seed in range(3):
         truth = multicopter(seed, 120.0)
         data = record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma_v=0.05)
-        log = write(tmp_path / "log.mcap", means_of_four(data))
+        log = write(tmp_path / "log.mcap", slower(data, 4))
         gnss = {"lever_arm": tuple(LEVER.tolist())}
         for given, ratios in (({}, outside), ({"gyro_kind": "mean-rate"}, told)):
             _, solution = run(log, input=dict(given), gnss=dict(gnss), filter={"smooth": True})
