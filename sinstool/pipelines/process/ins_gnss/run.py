@@ -106,10 +106,10 @@ class FilterRun(Mode):
 
     def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
         source, first, false = with_honest_fixes(source, config, plan.algorithm, plan.filter_start)
-        config, first, means = with_sample_kind(source, config, plan, first)
+        config, first, start, means = with_sample_kind(source, config, plan, first)
         self._shown = [*false, *means]
         super().__init__(source, config, plan)
-        self._planned = timed_start(source, config, plan.algorithm, first)
+        self._planned = timed_start(source, config, plan.algorithm, first, start)
         start = start_before_gaps(source, config, self._planned) or self._planned
         self._start = start
         self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")

@@ -40,7 +40,7 @@ LEAST_GAIN = 16.0
 
 def with_sample_kind(
     source: Source, config: ProcessConfig, plan: Plan, first: FilterStart
-) -> tuple[ProcessConfig, FilterStart, list[Finding]]:
+) -> tuple[ProcessConfig, FilterStart, FilterStart | None, list[Finding]]:
     """A configuration that reads samples as means, where the fixes show that they are.
 
     Parameters
@@ -52,34 +52,37 @@ def with_sample_kind(
     -------
     ProcessConfig, FilterStart
         The same where they do not, or where options say what samples are.
+    FilterStart or None
+        What :func:`~sinstool.pipelines.process.ins_gnss.start.timed` makes of it, where that has
+        been found out.
     list of Finding
         That they are, if so.
     """
     noise = first.settings.gnss
     coarse = np.hypot(noise.position_white[0], noise.position_markov[0]) > MOST_NOISE
     if coarse or plan.gyro_samples.configured or config.input.sample_kind != "rate":
-        return config, first, []
+        return config, first, None, []
     start, means = timed(source, config, plan.algorithm, first), as_planned(config, MEANS)
-    if start.latency_status == "given" or start.settings.gnss_latency == 0.0:
+    same = config, first, start, list[Finding]()
+    at_stamps = start.latency_status == "given" or start.settings.gnss_latency == 0.0
+    if at_stamps:
         before = _cost(source, config, plan.algorithm, start)
-        shown = _cost(source, means, plan.algorithm, start) < before - LEAST_GAIN
-    else:
-        shown = _half_a_sample(source, start)
-    if not shown:
-        return config, first, []
+        if not _cost(source, means, plan.algorithm, start) < before - LEAST_GAIN:
+            return same
+    elif not _half_a_sample(source, start):
+        return same
     try:
         begun = first_start(source, means)
-        # No fix is valid after its stamp; beside means it has to be valid at it
-        if start.latency_status != "given":
-            shown = timed(source, means, plan.algorithm, begun).settings.gnss_latency == 0.0
+        other = timed(source, means, plan.algorithm, begun)
     except AlignmentError:
-        shown = False
-    if not shown:
-        return config, first, []
+        return same
+    # No fix is valid after its stamp; beside means it has to be valid at it
+    if other.latency_status != "given" and other.settings.gnss_latency != 0.0:
+        return same
     text = "the fixes show that samples of the Imu are means until their stamps"
     log_choice("gyro samples", f"{MEANS}: {text}")
     note = f"{text}, and they are read as such (--gyro-kind overrides this)"
-    return means, begun, [Finding("gyro-kind-used", note, Severity.NOTE)]
+    return means, begun, other, [Finding("gyro-kind-used", note, Severity.NOTE)]
 
 
 def _half_a_sample(source: Source, start: FilterStart) -> bool:

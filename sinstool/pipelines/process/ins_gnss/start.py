@@ -46,7 +46,11 @@ OTHER_GRADE = 2.0
 
 
 def timed_start(
-    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    first: FilterStart,
+    start: FilterStart | None = None,
 ) -> FilterStart:
     """A start with latency, noise and grade estimated by runs of the filter, unless configured.
 
@@ -57,8 +61,10 @@ def timed_start(
     ----------
     first : FilterStart
         Of :func:`first_start`.
+    start : FilterStart, optional
+        What :func:`timed` makes of it, where that is known.
     """
-    start = timed(source, config, algorithm, first)
+    start = start or timed(source, config, algorithm, first)
     if config.navigation.imu_grade == "auto":
         first, start = _fitted(source, config, algorithm, first, start)
         start = _drifting(source, config, algorithm, first, start)
