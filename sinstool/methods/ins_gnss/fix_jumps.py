@@ -30,6 +30,9 @@ AROUND = 15
 SIGMAS, LEAST_M, MOST_M, BESIDE = 8.0, 0.3, 10.0, 0.4
 # Epochs follow each other within so many of their usual intervals, and s.
 MOST_INTERVALS, MOST_S = 1.5, 2.0
+# Fixes that scatter by more than this, m, from one to the next do not show which are false; and
+# fewer in a row than these are outliers.
+PRECISE_M, LEAST_EPOCHS = 0.25, 3
 # Two stretches agree within this, m, and so many sigmas of the jumps between them.
 APART_M, APART = 0.2, 4.0
 # A receiver is refuted where its fixes are off by more than so many of its sigmas.
@@ -83,6 +86,8 @@ def false_stretches(
     near = (seconds <= MOST_INTERVALS * np.median(seconds)) & (seconds <= MOST_S)
     near &= np.linalg.norm(step, axis=1) <= MOST_M
     jump, scale = _jumps(step, near)
+    if not jump.any() or np.median(scale) > PRECISE_M:
+        return []
     chain = np.concatenate([[0], np.cumsum(~near)])
     stretch = np.concatenate([[0], np.cumsum(~near | jump)])
     first = np.flatnonzero(np.diff(stretch, prepend=-1))
@@ -125,6 +130,7 @@ def _disagreeing(
         far = ~agree[right, k]
         off = apart[right, k] if sure else apart[k].max()
         stated = np.median(sigma[first[k] : last[k] + 1], axis=0)
-        if (far or not sure) and off > REFUTED * float(np.linalg.norm(stated)):
+        refuted = off > REFUTED * float(np.linalg.norm(stated)) and many[k] >= LEAST_EPOCHS
+        if (far or not sure) and refuted:
             found.append(FalseStretch(int(first[k]), int(last[k]), float(off), sure))
     return found

@@ -79,3 +79,8 @@ def test_beyond_an_outage_nothing_is_compared():
     keep = np.r_[0:240, 260:600]
     found = false_stretches(time_ns[keep], nu[keep], left[keep], sigma[keep])
     assert spans(found) == [(240, 279)]
+
+
+def test_a_receiver_that_scatters_as_much_shows_nothing():
+    off = steps((100, 200, 3.0 * WAY)) + np.random.default_rng(1).normal(0.0, 0.4, (600, 3))
+    assert false_stretches(*innovations(off)) == []

@@ -20,7 +20,7 @@ from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.fix_jumps import FalseStretch, false_stretches
+from sinstool.methods.ins_gnss.fix_jumps import PRECISE_M, FalseStretch, false_stretches
 from sinstool.methods.ins_gnss.fix_velocity import message_times, worse_than_usual
 from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.pipelines.process.ins_gnss.filter_settings import receiver_stated
@@ -31,8 +31,6 @@ from sinstool.pipelines.process.ins_gnss.start import timed
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
-# Fixes that the receiver says are worse than this, m, may be off by a metre.
-PRECISE_M = 0.25
 # What a filter that is to hold its own beside fixes which are off believes of them, m and m/s.
 POSITION, VELOCITY = (1.0, 1.0, 1.6), (0.3, 0.3, 0.5)
 MOST_NAMED = 5
@@ -83,7 +81,7 @@ def with_honest_fixes(
 
 
 def _precise(gnss: GnssEpochs) -> bool:
-    """Whether the receiver says that its fixes are good to much less than they may be off."""
+    """Whether the receiver says that its fixes are good to much less than a metre."""
     sigma = gnss.sigma_position_n[np.isfinite(gnss.sigma_position_n).all(axis=1)]
     return bool(len(sigma)) and float(median(sigma[:, :2].max(axis=1))) < PRECISE_M
 

@@ -58,12 +58,12 @@ def with_sample_kind(
     list of Finding
         That they are, if so.
     """
-    noise = first.settings.gnss
-    coarse = np.hypot(noise.position_white[0], noise.position_markov[0]) > MOST_NOISE
-    if coarse or plan.gyro_samples.configured or config.input.sample_kind != "rate":
+    if _coarse(first) or plan.gyro_samples.configured or config.input.sample_kind != "rate":
         return config, first, None, []
     start, means = timed(source, config, plan.algorithm, first), as_planned(config, MEANS)
     same = config, first, start, list[Finding]()
+    if _coarse(start):
+        return same
     at_stamps = start.latency_status == "given" or start.settings.gnss_latency == 0.0
     if at_stamps:
         before = _cost(source, config, plan.algorithm, start)
@@ -83,6 +83,12 @@ def with_sample_kind(
     log_choice("gyro samples", f"{MEANS}: {text}")
     note = f"{text}, and they are read as such (--gyro-kind overrides this)"
     return means, begun, other, [Finding("gyro-kind-used", note, Severity.NOTE)]
+
+
+def _coarse(start: FilterStart) -> bool:
+    """Whether positions are too noisy to show half a sample."""
+    noise = start.settings.gnss
+    return bool(np.hypot(noise.position_white[0], noise.position_markov[0]) > MOST_NOISE)
 
 
 def _half_a_sample(source: Source, start: FilterStart) -> bool:
