@@ -76,7 +76,7 @@ def test_velocity_may_be_of_half_a_sample_ago(tmp_path):
     """Means over 20 ms, read as rates: at 10 m/s^2 velocity is 0.1 m/s off between fixes."""
     ratios = []
     for seed in range(3):
-        data = record(winding(seed), GRADES["industrial"], seed, gnss_rate=5.0, sigma=0.02)
+        data = record(winding(seed), GRADES["industrial"], seed, gnss_rate=5.0, latency=0.05)
         log = write(tmp_path / "log.mcap", slower(data, 4))
         _, solution = run(log, gnss={"lever_arm": tuple(LEVER.tolist())}, filter={"smooth": True})
         rows = solution.rows((solution.time_ns - T0) * 1e-9 > 20.0)
@@ -93,7 +93,7 @@ def test_samples_may_be_of_half_a_sample_ago(tmp_path):
     outside, told = [], []
     for seed in range(3):
         truth = multicopter(seed, 120.0)
-        data = record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma_v=0.05)
+        data = record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma_v=0.05, latency=0.05)
         log = write(tmp_path / "log.mcap", slower(data, 4))
         gnss = {"lever_arm": tuple(LEVER.tolist())}
         for given, ratios in (({}, outside), ({"gyro_kind": "mean-rate"}, told)):
