@@ -264,8 +264,12 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         covariance = covariance + lacking
     c_ni = chain.dcm_ni(np.array([t_ns]))[0]
     turn = c_ni @ chain.dcm
+    c_nb = c_ni @ chain.dcm_ib(at)[0]
     covariance = turn @ covariance @ turn.T
-    q_nb = from_dcm(c_ni @ chain.dcm_ib(at)[0])
+    if settings.sample_s:
+        rate = c_nb @ chain.rate(t_ns)
+        covariance = covariance + 0.5 * settings.sample_s**2 * np.outer(rate, rate)
+    q_nb = from_dcm(c_nb)
     worst = float(worst_sigma(covariance))
     status = _status(covariance, settings.refuse_sigma)
     if status == "ok" and inconsistent:

@@ -225,6 +225,9 @@ class AlignmentSettings:
         Screen fixes for outliers first.
     series : bool
         Give the solution at every fix.
+    sample_s : float
+        By how much samples may be of another time, s, as likely as not: the sigmas of the answer
+        then include how far the body turns meanwhile.
     """
 
     method: str = "svd"
@@ -255,6 +258,7 @@ class AlignmentSettings:
     refuse_sigma: float = REFUSE_SIGMA
     screen: bool = True
     series: bool = True
+    sample_s: float = 0.0
 
 
 @dataclass(frozen=True)

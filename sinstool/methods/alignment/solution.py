@@ -405,6 +405,14 @@ class AttitudeChain:
         imu = self.imu
         return accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, times, self.origin_ns)
 
+    def rate(self, time_ns: int) -> FloatArray:
+        """Rate of the body at a time, as the samples on both sides of it have it, rad/s, (3,)."""
+        times = self.imu.time_ns
+        k = min(max(int(np.searchsorted(times, time_ns)), 1), len(times) - 1)
+        first = max(k - 1, 1)
+        seconds = float(times[k] - times[first - 1]) * 1e-9
+        return np.asarray(self.imu.delta_theta[first : k + 1].sum(axis=0) / seconds)
+
     def attitude(self, time_ns: ArrayLike) -> FloatArray:
         """Attitude at any times of the stretch.
 

@@ -3,7 +3,7 @@
 A filter follows its fixes: where the latency is wrong the whole solution is early or late, and
 where the lever arm is, it lies beside the track. Innovations hardly show either, and no state
 stands for them. So it is with the samples of the Imu: where each may be a mean until its stamp or a
-rate at it, the two attitudes are half a sample apart.
+rate at it, the two motions are half a sample apart.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from sinstool.core.quaternion_kernels import dcm
 from sinstool.core.rotation import rotate
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import STANDARD_GRAVITY
 
 # Fixes hold a solution to their own time and place over so long: what shakes faster the Imu shows
 # rightly.
@@ -78,6 +79,11 @@ class OffsetsError:
             rate = rotate(solution.q_nb, solution.omega_ib_b)
             attitude = attitude + self._other_time * rate[:, :, None] * rate[:, None, :]
             solution = replace(solution, covariance_attitude_n=attitude)
+            if velocity is not None:
+                change = rotate(solution.q_nb, solution.specific_force_b)
+                change[:, 2] += STANDARD_GRAVITY
+                velocity = velocity + self._other_time * change[:, :, None] * change[:, None, :]
+                solution = replace(solution, covariance_velocity_n=velocity)
         if not self._moment.any() or v is None:
             return solution
         assert position is not None and velocity is not None

@@ -8,12 +8,10 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.chi_square import upper_point
-from sinstool.core.rotation import rotate, skew
 from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.constraints import LandVehicle
 from sinstool.methods.ins_gnss.settings import TURN, Settings, Start
 from sinstool.methods.sensor_errors import SensorGrade
-from sinstool.methods.strapdown.navigation import Q_W, Q_Z
 
 _ADAPTIVE = {"off": 0.0, "sage-husa": 1.0, "innovation": 2.0}
 CHANNEL_GATE = 8.0  # m, of the vertical channel
@@ -52,33 +50,19 @@ def initial_covariance(
         variance[states.LAND_VEHICLE : states.SIZE] = vehicle.variances()
     np.fill_diagonal(p, variance)
     if start.by_fixes:
-        # Positions are those of the antenna less an arm that turns with the attitude
-        attitude = start.covariance_attitude_n
-        arm = skew(rotate(start.nav[Q_W : Q_Z + 1], settings.lever_arm_b))
-        fixes = start.covariance_position_n - arm @ attitude @ arm.T
-        if np.linalg.eigvalsh(fixes)[0] > 0.0:
-            where = np.arange(states.POSITION, states.POSITION + 3)
-            turned = np.arange(states.ATTITUDE, states.ATTITUDE + 3)
-            p[np.ix_(where, turned)] = -arm @ attitude
-            p[np.ix_(turned, where)] = -attitude @ arm.T
-        else:
-            fixes = start.covariance_position_n
-        _share_slow_errors(p, fixes, states.POSITION, states.GNSS_POSITION)
-        velocity = start.covariance_velocity_n
-        _share_slow_errors(p, velocity, states.VELOCITY, states.GNSS_VELOCITY)
+        _share_slow_errors(p, states.POSITION, states.GNSS_POSITION)
+        _share_slow_errors(p, states.VELOCITY, states.GNSS_VELOCITY)
     return np.ascontiguousarray(p[np.ix_(kind.states, kind.states)])
 
 
-def _share_slow_errors(p: FloatArray, block: FloatArray, navigation: int, gnss: int) -> None:
+def _share_slow_errors(p: FloatArray, navigation: int, gnss: int) -> None:
     """Covariance of a navigation that fixes gave with their slow errors, which it holds.
-
-    Of its own covariance, `block` is what comes of the fixes.
 
     Taken for independent of them, the first fix would be one more measurement, with an error of its
     own: where slow errors are the larger part, a sigma 1.4 times too small for minutes.
     """
     own, slow = (np.arange(first, first + 3) for first in (navigation, gnss))
-    variance = p[slow, slow]
+    block, variance = p[np.ix_(own, own)], p[slow, slow]
     if not np.all(variance > 0.0):
         return
     shared = np.minimum(np.diagonal(block), variance)

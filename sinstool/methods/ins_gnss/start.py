@@ -8,8 +8,6 @@ References
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
@@ -18,14 +16,7 @@ from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import rotate, skew
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.settings import Settings, Start
-from sinstool.methods.strapdown.navigation import (
-    HEIGHT,
-    LATITUDE,
-    LONGITUDE,
-    Q_W,
-    Q_Z,
-    initial_state,
-)
+from sinstool.methods.strapdown.navigation import initial_state
 
 TWICE_USED = 1.5
 """On the sigmas of an alignment in motion: it uses fixes that the filter is going to use again."""
@@ -98,33 +89,6 @@ def start_at(
         np.zeros(3),
         gyro_bias_sigma,
         by_fixes=True,
-    )
-
-
-def turned(start: Start, q_nb: FloatArray, covariance: FloatArray, lever_b: ArrayLike) -> Start:
-    """A start of :func:`start_at` with another attitude, whose antenna stays where it was.
-
-    Parameters
-    ----------
-    q_nb : ndarray, shape (4,)
-    covariance : ndarray, shape (3, 3)
-        Of it, in NED, rad^2.
-    lever_b : array_like, shape (3,)
-        m.
-    """
-    nav, lever = start.nav.copy(), np.asarray(lever_b, dtype=np.float64)
-    before, after = rotate(nav[Q_W : Q_Z + 1], lever), rotate(q_nb, lever)
-    moved = before - after
-    lat, lon = displaced(nav[LATITUDE], nav[LONGITUDE], nav[HEIGHT], moved[0], moved[1])
-    nav[[LATITUDE, LONGITUDE, HEIGHT]] = lat, lon, nav[HEIGHT] - moved[2]
-    nav[Q_W : Q_Z + 1] = q_nb
-    one, other = skew(before), skew(after)
-    position = start.covariance_position_n - one @ start.covariance_attitude_n @ one.T
-    return replace(
-        start,
-        nav=nav,
-        covariance_position_n=position + other @ covariance @ other.T,
-        covariance_attitude_n=covariance,
     )
 
 

@@ -8,7 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
@@ -23,6 +25,7 @@ from sinstool.methods.alignment.inflight_types import (
     REFUSE_SIGMA,
     AlignmentSettings,
     GateLimits,
+    GnssFixes,
     ImuIncrements,
 )
 from sinstool.methods.alignment.span_reader import MOST_SAMPLES, SpanReader
@@ -42,6 +45,9 @@ from sinstool.survey.source import Source, rate_blocks
 
 # The largest specific force below this: no lift-off to look for.
 LIFT_OFF = 2.0 * STANDARD_GRAVITY
+# So much of what is felt beyond 1 g in a boost makes the vehicle faster, at least, and by so much,
+# m/s; fixes that show it are no further apart than the boost is long, and this.
+BOOSTED, LEAST_BOOST, SEEN_NS = 0.5, 8.0, 10 * SECOND
 # Samples read before a beginning: the one before its first, and before a lift-off a moment of rest.
 BEFORE_START_NS = SECOND
 BEFORE_LIFT_OFF_NS = 10 * SECOND
@@ -62,6 +68,7 @@ def align_moving(
     at: str | int,
     gnss: GnssEpochs | None = None,
     refuse_sigma: float = REFUSE_SIGMA,
+    sample_s: float = 0.0,
 ) -> MotionAlignment:
     """Align a log's vehicle in motion.
 
@@ -79,6 +86,8 @@ def align_moving(
         Instead of those of the log.
     refuse_sigma : float
         About its worst axis, rad: an attitude that is less certain is not given.
+    sample_s : float, optional
+        By how much samples may be of another time, s, as likely as not.
 
     Returns
     -------
@@ -100,7 +109,7 @@ def align_moving(
     gate = options.gate
     if gate == "auto":
         lively = float(np.linalg.norm(survey.accel_max)) > LIFT_OFF
-        gate = "paper" if lively and _lifts_off(source) else "off"
+        gate = "paper" if lively and _lifts_off(source, fixes) else "off"
     start = None if options.align_start is None else first + round(options.align_start * SECOND)
     end = None if options.align_end is None else first + round(options.align_end * SECOND)
     later: list[int] = []
@@ -129,7 +138,7 @@ def align_moving(
             config.input.sample_kind,
             _interval_ns(source) / SECOND,
             fixes,
-            replace(settings, refuse_sigma=sigma),
+            replace(settings, refuse_sigma=sigma, sample_s=sample_s),
             bias,
             in_motion.spans(gate, begin, end, first, int(fixes.time_ns[-1])),
             UNKNOWN_BIAS if doubtful else None,
@@ -168,8 +177,42 @@ def align_moving(
     return moving
 
 
-def _lifts_off(source: Source) -> bool:
-    return bool(_beyond_lift_off(source).any())
+def _lifts_off(source: Source, fixes: GnssFixes) -> bool:
+    """Whether a log shows a boost: above 2 g for half a second, and faster for it.
+
+    A car in a corner, an aircraft that pulls up and skis feel that much too, and are no faster.
+    Nothing says that it is none where no fix comes before it, or no such time has any beside it.
+    """
+    windows, lively = source.survey.windows, np.flatnonzero(_beyond_lift_off(source))
+    when, speed = _speeds(fixes)
+    force = np.linalg.norm(windows.accel, axis=1) - STANDARD_GRAVITY
+    length_ns = int(np.median(np.diff(windows.start_ns))) if len(windows) > 1 else SECOND // 2
+    unseen = bool(len(lively))
+    for boost in np.split(lively, np.flatnonzero(np.diff(lively) > 1) + 1) if unseen else ():
+        begin, end = int(windows.start_ns[boost[0]]), int(windows.start_ns[boost[-1]]) + length_ns
+        before, after = np.searchsorted(when, begin, "right") - 1, np.searchsorted(when, end)
+        if before < 0:
+            return True
+        if after == len(when) or when[after] - when[before] > end - begin + SEEN_NS:
+            continue
+        unseen = False
+        least = BOOSTED * float(force[boost].sum()) * length_ns / SECOND
+        if speed[after] - speed[before] > max(least, LEAST_BOOST):
+            return True
+    return unseen
+
+
+def _speeds(fixes: GnssFixes) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds of fixes, m/s, and when: from their positions where they have no velocity."""
+    known = np.isfinite(fixes.velocity_n).all(axis=1)
+    if known.any():
+        return fixes.time_ns[known], np.linalg.norm(fixes.velocity_n[known], axis=1)
+    north, east = horizontal_metres(
+        np.diff(fixes.latitude), wrapped(np.diff(fixes.longitude)), fixes.latitude[:-1]
+    )
+    seconds = np.diff(fixes.time_ns) / SECOND
+    way = np.sqrt(north**2 + east**2 + np.diff(fixes.height) ** 2)
+    return fixes.time_ns[1:], way / np.maximum(seconds, 1e-3)
 
 
 def _beyond_lift_off(source: Source) -> np.ndarray:

@@ -11,7 +11,20 @@ from sinstool.core.streams import Solution, concatenate
 from sinstool.methods.ins_gnss.offsets_error import OffsetsError
 from sinstool.pipelines.process.ins_gnss.settings_used import late_or_early
 from tests.helpers.filter_logs import run
-from tests.helpers.unseen_drives import GRADES, LEVER, T0, flight, multicopter, record, write
+from tests.helpers.unseen_drives import (
+    GRADES,
+    LEVER,
+    RATE,
+    T0,
+    band_noise,
+    flight,
+    motion_of,
+    multicopter,
+    record,
+    smoothed,
+    write,
+)
+from tests.helpers.unseen_errors import slower
 
 LATE = np.diag([1e-4, 0.0, 0.0, 0.0])  # by 10 ms
 
@@ -46,20 +59,42 @@ def test_a_flight_is_as_far_off_as_its_sigmas_say(tmp_path):
     assert np.mean(square / variance) < 2.0 and np.mean(variance) < 0.06**2  # given, it is certain
 
 
+def winding(seed, duration=120.0):
+    """A kart that weaves at 15 m/s on a rough track: quick changes of velocity in all axes."""
+    random = np.random.default_rng([seed, 11])
+    t = np.arange(0.0, duration, 1.0 / RATE)
+    moving = smoothed(np.where(t > 10.0, 1.0, 0.0), 6.0)
+    slow, fast = band_noise(random, t, 0.1, 0.6), band_noise(random, t, 0.5, 4.0)
+    course = moving * (slow[:, 0] + 0.5 * np.sin(0.2 * t))
+    ahead, up = 15.0 * moving * np.stack([np.cos(course), np.sin(course)]), 0.15 * moving
+    velocity = np.stack([*ahead, up * fast[:, 2]], axis=1)
+    roll, pitch = np.radians(0.5) * moving * fast[:, :2].T
+    return motion_of(t, velocity, np.stack([roll, pitch, course], axis=1))
+
+
+def test_velocity_may_be_of_half_a_sample_ago(tmp_path):
+    """Means over 20 ms, read as rates: at 10 m/s^2 velocity is 0.1 m/s off between fixes."""
+    ratios = []
+    for seed in range(3):
+        data = record(winding(seed), GRADES["industrial"], seed, gnss_rate=5.0, latency=0.05)
+        log = write(tmp_path / "log.mcap", slower(data, 4))
+        _, solution = run(log, gnss={"lever_arm": tuple(LEVER.tolist())}, filter={"smooth": True})
+        rows = solution.rows((solution.time_ns - T0) * 1e-9 > 20.0)
+        error = data.truth.errors_of(
+            (rows.time_ns - T0) * 1e-9, *rows.position.T, rows.velocity_n, to_dcm(rows.q_nb)
+        )
+        variance = np.einsum("nii->ni", rows.covariance_velocity_n)
+        ratios.append(np.sqrt(np.mean(error[:, 3:6] ** 2 / variance)))
+    assert max(ratios) < 2.0 and min(ratios) > 0.5
+
+
 def test_samples_may_be_of_half_a_sample_ago(tmp_path):
     """Means over 20 ms, read as rates: at 60 deg/s they are 0.6 deg off, as nothing shows."""
     outside, told = [], []
     for seed in range(3):
         truth = multicopter(seed, 120.0)
-        data = record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma_v=0.05)
-        means = [
-            part[1:][: len(part[1:]) // 4 * 4] for part in (data.seconds, data.gyro, data.accel)
-        ]
-        seconds, gyro, accel = (part.reshape(-1, 4, *part.shape[1:]) for part in means)
-        data = replace(
-            data, seconds=seconds[:, -1], gyro=gyro.mean(axis=1), accel=accel.mean(axis=1)
-        )
-        log = write(tmp_path / "log.mcap", data)
+        data = record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma_v=0.05, latency=0.05)
+        log = write(tmp_path / "log.mcap", slower(data, 4))
         gnss = {"lever_arm": tuple(LEVER.tolist())}
         for given, ratios in (({}, outside), ({"gyro_kind": "mean-rate"}, told)):
             _, solution = run(log, input=dict(given), gnss=dict(gnss), filter={"smooth": True})
@@ -109,12 +144,16 @@ def test_along_the_track_and_across_it():
 
 def test_samples_of_another_time():
     """As likely as not 5 ms off, at 0.2 rad/s; position too, if fixes are timed against them."""
-    rate = np.tile([0.0, 0.0, 0.2], (400, 1))
-    solution = replace(turning(), omega_ib_b=rate)
+    rate, standing = np.tile([0.0, 0.0, 0.2], (400, 1)), np.tile([0.0, 0.0, -9.80665], (400, 1))
+    solution = replace(turning(), omega_ib_b=rate, specific_force_b=standing)
     answer = OffsetsError(np.zeros((4, 4)), sample_s=0.005).added(solution)
     assert np.allclose(answer.covariance_attitude_n[:, 2, 2], 0.5 * (0.2 * 0.005) ** 2)
+    assert np.all(answer.covariance_velocity_n == 0.0)
     assert np.all(answer.covariance_attitude_n[:, :2, :2] == 0.0)
     assert np.all(answer.covariance_position_n == 0.0)
+    pushed = replace(solution, specific_force_b=standing + np.array([3.0, 0.0, 0.0]))
+    answer = OffsetsError(np.zeros((4, 4)), sample_s=0.005).added(pushed)
+    assert np.allclose(answer.covariance_velocity_n[:, 0, 0], 0.5 * (3.0 * 0.005) ** 2)
     error = OffsetsError(np.zeros((4, 4)), sample_s=0.005, shared=True)
     answer = error.added(solution)
     trace = np.einsum("nii->n", answer.covariance_position_n)

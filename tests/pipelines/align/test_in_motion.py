@@ -27,14 +27,17 @@ from tests.helpers.unseen_drives import (
     GRADES,
     LEVER,
     RATE,
+    band_noise,
     motion_of,
     record,
+    smoothed,
     straight_flight,
     write,
 )
 from tests.helpers.unseen_drives import (
     sensor_errors as unseen_errors,
 )
+from tests.helpers.unseen_errors import slower
 
 HOUR = 3600.0
 MODULE = "sinstool.pipelines.align.in_motion"
@@ -140,6 +143,59 @@ def test_a_lift_off_late_in_a_long_log_is_aligned_all_the_same(monkeypatch):
     assert whole.status == again.status == "ok"
     assert again.t_ns == whole.t_ns
     np.testing.assert_allclose(again.q_nb, whole.q_nb, atol=1e-6)
+
+
+def cornering(seed, most=1.6, speed=17.0):
+    """A kart on a winding track: up to 2.9 g sideways, for longer than half a second."""
+    random = np.random.default_rng([seed, 31])
+    t = np.arange(0.0, 150.0, 1.0 / RATE)
+    moving = smoothed(np.where(t > 15.0, 1.0, 0.0), 8.0)
+    rate = smoothed(most * moving * (np.sin(0.5 * t + 6.0 * random.random()) > 0.2), 0.8)
+    rate -= smoothed(most * moving * (np.sin(0.37 * t + 6.0 * random.random()) > 0.8), 0.8)
+    course = np.cumsum(rate) / RATE
+    ahead = speed * moving * (1.0 + 0.1 * np.sin(0.3 * t))
+    velocity = np.stack([ahead * np.cos(course), ahead * np.sin(course), 0.0 * t], axis=1)
+    roll, pitch = np.radians(2.0) * moving * band_noise(random, t, 0.5, 4.0)[:, :2].T
+    return motion_of(t, velocity, np.stack([roll, pitch, course], axis=1))
+
+
+@pytest.mark.parametrize("sigma_v", [0.05, None])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_corner_of_more_than_two_g_is_no_launch(tmp_path, seed, sigma_v):
+    data = record(
+        cornering(seed), GRADES["industrial"], seed, gnss_rate=5.0, sigma=0.05, sigma_v=sigma_v
+    )
+    result, ratio = aligned(tmp_path, data, gyro_kind="mean-rate")
+    assert result.gate == "off" and result.status in ("ok", "degraded")
+    assert ratio < 4.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_samples_may_be_of_half_a_sample_ago(tmp_path, seed):
+    """Means over 20 ms, read as rates, at 60 to 130 deg/s: as nothing in the log shows."""
+    truth = cornering(seed, most=1.0)
+    data = slower(
+        record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma=0.03, sigma_v=0.05), 4
+    )
+    result, ratio = aligned(tmp_path, data)
+    told, rest = aligned(tmp_path, data, gyro_kind="mean-rate")
+    assert ratio < 4.0 and rest < 4.0
+    assert max(told.sigma_deg) < 0.1 < max(result.sigma_deg)
+
+
+def aligned(tmp_path, data, **options):
+    """Result of `align`, and how far it is off over its sigmas."""
+    log = write(tmp_path / "log.mcap", data)
+    groups = {"input": {"gyro_unit": "rad/s"} | options}
+    groups |= {"gnss": {"lever_arm": tuple(LEVER.tolist())}}
+    result = align_log(log, build(ProcessConfig, groups)).result
+    k = np.argmin(np.abs(data.truth.seconds - (result.time_ns - T0) * 1e-9))
+    found = Rotation.from_euler(
+        "ZYX", [result.heading_deg, result.pitch_deg, result.roll_deg], degrees=True
+    )
+    off = (found * Rotation.from_matrix(data.truth.c_nb[k]).inv()).as_rotvec(degrees=True)
+    covariance = result.cov_deg2
+    return result, np.sqrt(off @ np.linalg.solve(covariance, off) / 3.0)
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])

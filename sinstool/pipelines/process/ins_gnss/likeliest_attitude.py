@@ -31,9 +31,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.methods.ins_gnss.settings import Start
-from sinstool.methods.ins_gnss.start import turned
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
-from sinstool.methods.strapdown.navigation import Q_W, Q_Z
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
@@ -134,9 +132,10 @@ def _others(start: FilterStart, tilt_sigma: float) -> Iterator[FilterStart]:
     if first.gyro_bias_sigma is not None:
         bias = max(bias, first.gyro_bias_sigma)
     for k in range(HEADINGS):
-        q_nb = multiply(exp([0.0, 0.0, 2.0 * np.pi * k / HEADINGS]), first.nav[Q_W : Q_Z + 1])
-        other = turned(first, q_nb, covariance, start.settings.lever_arm_b)
-        yield replace(start, start=replace(other, gyro_bias_sigma=bias))
+        nav = first.nav.copy()
+        nav[6:10] = multiply(exp([0.0, 0.0, 2.0 * np.pi * k / HEADINGS]), nav[6:10])
+        other = replace(first, nav=nav, covariance_attitude_n=covariance, gyro_bias_sigma=bias)
+        yield replace(start, start=other)
 
 
 def _cost(motion: Increments, start: FilterStart) -> float:

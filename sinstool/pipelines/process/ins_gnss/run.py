@@ -48,7 +48,9 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
     vehicle_of,
 )
 from sinstool.pipelines.process.ins_gnss.contradictions import contradictions
+from sinstool.pipelines.process.ins_gnss.false_fixes import with_honest_fixes
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
+from sinstool.pipelines.process.ins_gnss.sample_kind import with_sample_kind
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.untrusted import (
     TOO_MANY_REJECTED,
@@ -103,8 +105,11 @@ class FilterRun(Mode):
     diagnostic_names = DIAGNOSTIC_NAMES
 
     def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
+        source, first, false = with_honest_fixes(source, config, plan.algorithm, plan.filter_start)
+        config, first, start, means = with_sample_kind(source, config, plan, first)
+        self._shown = [*false, *means]
         super().__init__(source, config, plan)
-        self._planned = timed_start(source, config, plan.algorithm, plan.filter_start)
+        self._planned = timed_start(source, config, plan.algorithm, first, start)
         start = start_before_gaps(source, config, self._planned) or self._planned
         self._start = start
         self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")
@@ -137,8 +142,9 @@ class FilterRun(Mode):
         self._score = Withheld(valid, start.withheld, arm)
         self._filtered = Withheld(valid, start.withheld, arm)
         turned = None if start.offsets is None else start.offsets.turned
-        # No log shows whether a sample is a mean until its stamp, or a rate at it
-        half = 0.0 if plan.gyro_samples.configured else 0.5 * source.survey.interval_ns / SECOND
+        # Few logs show whether a sample is a mean until its stamp, or a rate at it
+        known = plan.gyro_samples.configured or bool(means)
+        half = 0.0 if known else 0.5 * source.survey.interval_ns / SECOND
         shared = start.latency_status != "given" and start.settings.gnss_latency != 0.0
         self._offsets_error = OffsetsError(start.offsets_error, turned, half, shared)
         self._mount: np.ndarray | None = None
@@ -441,6 +447,7 @@ class FilterRun(Mode):
 
         if self.plan.algorithm.caveat:
             note("coning", self.plan.algorithm.caveat)
+        findings += self._shown
         findings += settings_used.notes(p, s, self.config, self._offsets_error.largest_m)
         before = (p.time_ns - self.source.survey.first_ns) / SECOND
         if before > 0.0:

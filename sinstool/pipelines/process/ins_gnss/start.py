@@ -51,7 +51,11 @@ OTHER_GRADE = 2.0
 
 
 def timed_start(
-    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    first: FilterStart,
+    start: FilterStart | None = None,
 ) -> FilterStart:
     """A start with latency, noise and grade estimated by runs of the filter, unless configured.
 
@@ -62,8 +66,10 @@ def timed_start(
     ----------
     first : FilterStart
         Of :func:`first_start`.
+    start : FilterStart, optional
+        What :func:`timed` makes of it, where that is known.
     """
-    start = _timed(source, config, algorithm, first)
+    start = start or timed(source, config, algorithm, first)
     if config.navigation.imu_grade == "auto":
         first, start = _fitted(source, config, algorithm, first, start)
         start = _drifting(source, config, algorithm, first, start)
@@ -111,10 +117,16 @@ def _warnings(start: FilterStart) -> list[str]:
     return warnings
 
 
-def _timed(
+def timed(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> FilterStart:
-    """A start with the receiver's latency and noise."""
+    """A start with the receiver's latency and noise.
+
+    Parameters
+    ----------
+    first : FilterStart
+        Of :func:`first_start`.
+    """
     here, gnss = to_align_as(config, first.grade), source.aiding.gnss
 
     def begin(latency: float, arm_b: np.ndarray | None) -> FilterStart:
@@ -187,7 +199,7 @@ def _fitted(
             begun = _begun_as(source, config, first, ImuGrade(worse, why), start.lag)
         except AlignmentError:
             break
-        other = _timed(source, config, algorithm, begun)
+        other = timed(source, config, algorithm, begun)
         fits = fit(source, config, algorithm, other.by_the_fixes)
         if fits is None or not shown.worse_than(fits):
             break
@@ -219,7 +231,7 @@ def _drifting(
         why = f"drifts {drift.ratio:.2g} times as far without fixes as {start.grade.grade} allows"
         try:
             begun = _begun_as(source, config, first, ImuGrade(worse, why), start.lag)
-            other = _timed(source, config, algorithm, begun)
+            other = timed(source, config, algorithm, begun)
         except AlignmentError:
             begun, other = first, start
         other, less = _as_quiet_as_in_motion(source, config, algorithm, other)
@@ -234,7 +246,7 @@ def _drifting(
             why, before = "by its drift without fixes", start.grade.grade
             judged = ImuGrade(better, why, by_drift=True, aligned_as=before)
             begun = regraded(source, config, first, judged)
-            start = _timed(source, config, algorithm, begun)
+            start = timed(source, config, algorithm, begun)
             start, drift = _as_quiet_as_in_motion(source, config, algorithm, start)
             factors = drift.factors()
             log_choice("IMU grade", f"{better}, {judged.why}")
@@ -298,7 +310,7 @@ def _calibrated(
         return first, start, drift, fits
     try:
         begun = _begun_as(source, config, first, judged, start.lag)
-        other = _timed(source, config, algorithm, begun)
+        other = timed(source, config, algorithm, begun)
     except AlignmentError:
         return first, start, drift, fits
     log_choice("IMU grade", f"{judged.grade}, {judged.why}")

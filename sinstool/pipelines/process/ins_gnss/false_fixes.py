@@ -1,0 +1,155 @@
+"""Fixes that are off by far more than their receiver says, for a while: found, and told.
+
+They are not left out, as nothing is known of how long they stay as far off as they were when they
+jumped: they get the sigma that the jump shows, as if the receiver had stated it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.choices import log_choice
+from sinstool.core.errors import AlignmentError
+from sinstool.core.finding import Finding
+from sinstool.core.order_statistics import median
+from sinstool.core.streams import GnssEpochs, concatenate
+from sinstool.core.timeline import SECOND
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.fix_jumps import PRECISE_M, FalseStretch, false_stretches
+from sinstool.methods.ins_gnss.fix_velocity import message_times, worse_than_usual
+from sinstool.methods.ins_gnss.settings import GnssModel
+from sinstool.pipelines.process.ins_gnss.filter_settings import receiver_stated
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.first_start import first_start
+from sinstool.pipelines.process.ins_gnss.receiver import WORSE_S
+from sinstool.pipelines.process.ins_gnss.start import timed
+from sinstool.survey.increments import SegmentIncrements
+from sinstool.survey.source import Source
+
+# What a filter that is to hold its own beside fixes which are off believes of them, m and m/s.
+POSITION, VELOCITY = (1.0, 1.0, 1.6), (0.3, 0.3, 0.5)
+MOST_NAMED = 5
+KIND = "false-fixes"
+
+
+def with_honest_fixes(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
+) -> tuple[Source, FilterStart, list[Finding]]:
+    """A log whose fixes have larger sigmas where they are off by more than the receiver says.
+
+    Parameters
+    ----------
+    first : FilterStart
+        Of :func:`~sinstool.pipelines.process.ins_gnss.first_start.first_start`.
+
+    Returns
+    -------
+    Source, FilterStart
+        The same where there are none.
+    list of Finding
+        Which they are.
+    """
+    gnss = source.aiding.gnss
+    if gnss is None or receiver_stated(config) or not _precise(gnss):
+        return source, first, []
+    if not _stretches(source, config, algorithm, first):
+        return source, first, []
+    # An antenna elsewhere, or fixes of another time, may look like jumps
+    begun = timed(source, config, algorithm, first).by_the_fixes
+    stretches = _stretches(source, config, algorithm, begun)
+    if not stretches:
+        return source, first, []
+    sigma = gnss.sigma_position_n.copy()
+    for begin_ns, end_ns, stretch in stretches:
+        inside = gnss.has_position & (gnss.time_ns >= begin_ns) & (gnss.time_ns <= end_ns)
+        # All of them are off by the same, which counts as one error however long it lasts
+        lasts = max((end_ns - begin_ns) / SECOND / WORSE_S, 1.0)
+        sigma[inside] = np.maximum(sigma[inside], np.sqrt(lasts) * stretch.off_m)
+    honest = replace(source.aiding, gnss=replace(gnss, sigma_position_n=sigma))
+    source = replace(source, aiding=honest)
+    try:
+        first = first_start(source, config)
+    except AlignmentError:
+        return source, first, []
+    log_choice("false fixes", f"{len(stretches)} stretches")
+    return source, first, _findings(stretches, source.survey.first_ns)
+
+
+def _precise(gnss: GnssEpochs) -> bool:
+    """Whether the receiver says that its fixes are good to much less than a metre."""
+    sigma = gnss.sigma_position_n[np.isfinite(gnss.sigma_position_n).all(axis=1)]
+    return bool(len(sigma)) and float(median(sigma[:, :2].max(axis=1))) < PRECISE_M
+
+
+def _stretches(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> list[tuple[int, int, FalseStretch]]:
+    """First and last stamp of each stretch that is off, ns, and by how much."""
+    control = replace(start.settings.control, gate_probability=1.0, adaptive="off")
+    settings = replace(
+        start.settings,
+        filter="plain-15",
+        network=None,
+        gnss=GnssModel(position_white=POSITION, velocity_white=VELOCITY),
+        control=control,
+    )
+    gnss, used = source.aiding.gnss, start.used
+    assert gnss is not None
+    nothing = np.full_like(used.sigma_position_n, np.nan)
+    unsized = replace(used, sigma_position_n=nothing, sigma_velocity_n=nothing)
+    run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
+    waiting: GnssEpochs | None = unsized
+    parts = []
+    for increments, _, _ in SegmentIncrements(source, config, algorithm).from_time(start.time_ns):
+        parts.append(run.push(increments, waiting).gnss)
+        waiting = None
+    if not parts:
+        return []
+    epochs = concatenate(parts)
+    valid_ns = used.time_ns - round(settings.gnss_latency * SECOND)
+    row = np.searchsorted(valid_ns, epochs.time_ns - 1000)
+    good = np.isfinite(epochs.innovation[:, :3]).all(axis=1)
+    good &= ~worse_than_usual(used)[row] & ~_repeated(used)[row]
+    row, innovation = row[good], epochs.innovation[good, :3]
+    left = np.square(epochs.measurement_sigma / epochs.innovation_sigma)[good, :3]
+    stamps = message_times(used, start.lag)[row]
+    # As the receiver says, whatever a start makes of it
+    stated = gnss.sigma_position_n[np.searchsorted(gnss.time_ns, stamps)]
+    found = false_stretches(stamps, innovation, left, stated)
+    return [(int(stamps[one.first]), int(stamps[one.last]), one) for one in found]
+
+
+def _repeated(gnss: GnssEpochs) -> np.ndarray:
+    """Positions that are those of the epoch before to the last digit: of a receiver that hangs."""
+    same = (np.diff(gnss.latitude) == 0.0) & (np.diff(gnss.longitude) == 0.0)
+    return np.concatenate([[False], same])
+
+
+def _findings(stretches: Sequence[tuple[int, int, FalseStretch]], first_ns: int) -> list[Finding]:
+    """What a user should know of them."""
+    findings = []
+    for begin_ns, end_ns, stretch in stretches[:MOST_NAMED]:
+        seconds = [(time - first_ns) / SECOND for time in (begin_ns, end_ns)]
+        others = "those beside them" if stretch.sure else "others, and nothing shows which is right"
+        findings.append(
+            Finding(
+                KIND,
+                f"fixes from {seconds[0]:.1f} to {seconds[1]:.1f} s are {stretch.off_m:.2g} m off"
+                f" from {others}, far more than the receiver states: that is taken for their sigma",
+                start_ns=begin_ns,
+                end_ns=end_ns,
+                numbers={"off_m": stretch.off_m},
+            )
+        )
+    if len(stretches) > MOST_NAMED:
+        rest = stretches[MOST_NAMED:]
+        last = (rest[-1][0] - first_ns) / SECOND
+        findings.append(
+            Finding(KIND, f"{len(rest)} more such stretches follow, the last from {last:.1f} s on")
+        )
+    return findings

@@ -1,0 +1,113 @@
+"""Whether samples are means until their stamps, where fixes are good enough to show it.
+
+The two kinds are half a sample apart in time, and nothing else tells them apart: an Imu by itself
+shows no time, and fixes show it only together with the receiver's latency. But stamps of most
+receivers are right. Where fixes of a receiver without a latency that the log shows otherwise are
+clearly likelier beside means, samples are taken for such.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.choices import log_choice
+from sinstool.core.errors import AlignmentError
+from sinstool.core.finding import Finding, Severity
+from sinstool.core.streams import take_rows
+from sinstool.core.timeline import SECOND
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.fix_velocity import outlying
+from sinstool.pipelines.plan import Plan, as_planned
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.first_start import first_start
+from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
+from sinstool.pipelines.process.ins_gnss.start import timed
+from sinstool.pipelines.process.ins_gnss.timing import motion_from
+from sinstool.survey.source import Source
+
+MEANS = "mean-rate"
+# Fixes that are worse than this, m, do not show half a sample.
+MOST_NOISE = 0.3
+# A latency within so many of its sigmas, and s, of half a sample is that.
+SIGMAS, LEAST_NEAR_S = 3.0, 0.002
+# By how much -2 log likelihood must fall: four sigmas of one parameter.
+LEAST_GAIN = 16.0
+
+
+def with_sample_kind(
+    source: Source, config: ProcessConfig, plan: Plan, first: FilterStart
+) -> tuple[ProcessConfig, FilterStart, FilterStart | None, list[Finding]]:
+    """A configuration that reads samples as means, where the fixes show that they are.
+
+    Parameters
+    ----------
+    first : FilterStart
+        Of :func:`~sinstool.pipelines.process.ins_gnss.first_start.first_start`.
+
+    Returns
+    -------
+    ProcessConfig, FilterStart
+        The same where they do not, or where options say what samples are.
+    FilterStart or None
+        What :func:`~sinstool.pipelines.process.ins_gnss.start.timed` makes of it, where that has
+        been found out.
+    list of Finding
+        That they are, if so.
+    """
+    if _coarse(first) or plan.gyro_samples.configured or config.input.sample_kind != "rate":
+        return config, first, None, []
+    start, means = timed(source, config, plan.algorithm, first), as_planned(config, MEANS)
+    same = config, first, start, list[Finding]()
+    if _coarse(start):
+        return same
+    at_stamps = start.latency_status == "given" or start.settings.gnss_latency == 0.0
+    if at_stamps:
+        before = _cost(source, config, plan.algorithm, start)
+        if not _cost(source, means, plan.algorithm, start) < before - LEAST_GAIN:
+            return same
+    elif not _half_a_sample(source, start):
+        return same
+    try:
+        begun = first_start(source, means)
+        other = timed(source, means, plan.algorithm, begun)
+    except AlignmentError:
+        return same
+    # No fix is valid after its stamp; beside means it has to be valid at it
+    if other.latency_status != "given" and other.settings.gnss_latency != 0.0:
+        return same
+    text = "the fixes show that samples of the Imu are means until their stamps"
+    log_choice("gyro samples", f"{MEANS}: {text}")
+    note = f"{text}, and they are read as such (--gyro-kind overrides this)"
+    return means, begun, other, [Finding("gyro-kind-used", note, Severity.NOTE)]
+
+
+def _coarse(start: FilterStart) -> bool:
+    """Whether positions are too noisy to show half a sample."""
+    noise = start.settings.gnss
+    return bool(np.hypot(noise.position_white[0], noise.position_markov[0]) > MOST_NOISE)
+
+
+def _half_a_sample(source: Source, start: FilterStart) -> bool:
+    """Whether fixes seem to be valid half a sample after their stamps."""
+    shown, half = start.offsets, 0.5 * source.survey.interval_ns / SECOND
+    near = LEAST_NEAR_S if shown is None else max(SIGMAS * shown.sigma_s, LEAST_NEAR_S)
+    return abs(start.settings.gnss_latency + half) <= near
+
+
+def _cost(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> float:
+    """-2 log likelihood of the innovations of the first minutes; NaN with too few."""
+    motion, start = motion_from(source, config, algorithm, start.time_ns), start.by_the_fixes
+    if motion is None:
+        return np.nan
+    fixes = start.used_until(int(motion.time_ns[-1]))
+    settings = replace(start.settings, network=None)
+    run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
+    epochs = run.push(motion, fixes.rows(~outlying(fixes))).gnss
+    epochs = take_rows(epochs, np.isfinite(epochs.nis))
+    return float(np.sum(unlikely(epochs))) if len(epochs) >= LEAST_EPOCHS else np.nan
