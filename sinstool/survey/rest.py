@@ -131,12 +131,13 @@ def _stay(windows: Windows, end: int) -> int:
     if len(count) < 2 or (np.diff(windows.start_ns[:end]) != WINDOW_NS).any():
         return 0
     stays = np.ones(len(count), np.bool_)
-    for mean, std, step in (
-        (windows.gyro, windows.gyro_std, SHAKEN_RATE),
-        (windows.accel, windows.accel_std, SHAKEN_FORCE),
+    # What is slower than vibration is motion: a multicopter hovers where it is
+    for mean, fast, step in (
+        (windows.gyro, windows.gyro_fast, SHAKEN_RATE),
+        (windows.accel, windows.accel_fast, SHAKEN_FORCE),
     ):
         alike = mean[rows].reshape(-1, ALIKE, 3).mean(axis=1)
-        noise = np.sqrt(np.mean(std[rows].reshape(-1, ALIKE) ** 2, axis=1) / count)
+        noise = np.sqrt(np.nanmean(fast[rows].reshape(-1, ALIKE) ** 2, axis=1) / count)
         usual = np.cumsum(alike, axis=0)[:-1] / np.arange(1, len(alike))[:, None]
         off = np.linalg.norm(alike[1:] - usual, axis=1)
         stays[1:] &= off < step + SIGMAS * noise[1:] * np.sqrt(1.0 + 1.0 / np.arange(1, len(alike)))

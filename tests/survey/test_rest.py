@@ -119,6 +119,16 @@ def test_what_is_shaken_and_no_rest():
     # A receiver that says where it is only later
     assert shaken_rest(windows, gnss.rows(gnss.time_ns > 20 * SECOND), 0) is None
     assert shaken_rest(windows, gnss.rows(slice(0, 3)), 0) is None
-    # A boat at its mooring rolls
+    # A boat at its mooring rolls, and a multicopter that hovers moves as fast
+    t = np.arange(0.0, 80.0, 0.01)
+    random = np.random.default_rng(5)
+    slow = np.cumsum(random.standard_normal((len(t), 6)), axis=0)
+    slow = slow[5:] - slow[:-5]  # up to some Hz
+    stage = WindowStage()
+    still = np.array([0.0, 0.0, -9.81])
+    stage.push(
+        np.round(t[5:] * SECOND).astype(np.int64), 0.1 * slow[:, :3], still + 0.3 * slow[:, 3:]
+    )
+    assert shaken_rest(stage.finish(), gnss, 0) is None
     windows, gnss, _ = shaken(1, rock=0.06)
     assert shaken_rest(windows, gnss, 0) is None

@@ -60,7 +60,8 @@ def straight_on(path):
 
 @pytest.mark.parametrize("made", [standing, straight_on])
 def test_a_start_that_is_not_there_is_looked_for_once(tmp_path, monkeypatch, made):
-    """With each latency: by what is refused an answer differs in its last word alone."""
+    """By what is refused an answer differs in its last word alone, and at another latency, where
+    it fits and is not known well enough, in nothing that helps."""
     log = made(tmp_path / "log.mcap")
     tried = []
     align_in_flight = in_motion.align_in_flight
@@ -73,5 +74,5 @@ def test_a_start_that_is_not_there_is_looked_for_once(tmp_path, monkeypatch, mad
     monkeypatch.setattr(in_motion, "align_in_flight", aligning)
     with pytest.raises(AlignmentError):
         start_of(log)
-    assert len({settings.gnss_latency_s for settings, *_ in tried}) == 3
+    assert len({settings.gnss_latency_s for settings, *_ in tried}) == 1
     assert len(tried) == len(set(tried))
