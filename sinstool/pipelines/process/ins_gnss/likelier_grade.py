@@ -72,7 +72,9 @@ class GradeFits:
         if grade not in self._made:
             shown = self.start.by_the_fixes
             used = self.factors.of(shown.settings, virtual_noise=False)
-            used = replace(used, imu=as_noisy_as(self.sensors(grade), used.imu))
+            # With a state for each error: without, large ones are noise, and ever less likely
+            imu = as_noisy_as(self.sensors(grade), used.imu)
+            used = replace(used, imu=imu, filter="network-29a")
             noisy = replace(shown, settings=used)
             self._made[grade] = fit(self.source, self.config, self._algorithm, noisy)
         return self._made[grade]
