@@ -215,10 +215,10 @@ def _from_motion(
     reached = _carried_back(moving, source, config, begin_ns, limit)
     still = source.survey.lead_in
     rests = still is not None and reached[0] <= still.end_ns
-    at_fix = later_ns is None or (np.abs(later_ns - reached[0]) <= AT_FIX_S * SECOND).any()
-    if later_ns is not None and not at_fix and not rests:
+    if later_ns is not None and not rests:
+        far = (np.abs(later_ns - reached[0]) > AT_FIX_S * SECOND).all()
         after = later_ns[(later_ns >= result.t_ns) & (later_ns <= result.t_stop_ns)]
-        if len(after):
+        if far and len(after):
             reached = _carried_back(moving, source, config, int(after[0]), limit)
     time_ns, q_nb, covariance = reached
     bias, source_of_bias = moving.gyro_bias, "rest" if moving.gyro_bias.any() else "none"

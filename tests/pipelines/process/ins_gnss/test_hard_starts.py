@@ -4,14 +4,18 @@ import numpy as np
 import pytest
 
 from sinstool.core.finding import exit_status
+from tests.helpers.filter_logs import start_of
+from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
     GRADES,
+    drive,
     flight,
     record,
     sensor_errors,
     without_samples,
     write,
 )
+from tests.helpers.unseen_errors import slower
 from tests.helpers.unseen_vehicles import helicopter, tractor
 from tests.pipelines.process.ins_gnss.test_doubtful_logs import navigated
 
@@ -66,3 +70,12 @@ def test_a_gyro_bias_a_little_beyond_the_ordinary_is_not_taken_for_degrees_a_sec
     result, _, off, heading = navigated(log, truth, tmp_path / "out.mcap")
     assert np.linalg.norm(result.alignment.gyro_bias_rad_s) < 0.1 * np.pi / 180.0
     assert off[-1] < 2.0 and np.sqrt(np.mean(heading**2)) < 3.0
+
+
+def test_a_start_at_rest_is_not_put_off_for_want_of_a_sample_at_a_fix(tmp_path):
+    """Samples 40 ms apart: no fix was near enough, and a minute at rest lay before the start."""
+    truth = drive(3, 150.0, 60.0)
+    data = slower(record(truth, CONSUMER, 3, sigma=0.1, sigma_v=0.1), 8)
+    log = write(tmp_path / "log.mcap", data)
+    begun = start_of(log, input={"gyro_kind": "mean-rate"}, gnss={"gnss_latency": 0.0})
+    assert begun.time_ns - T0 < 3 * 10**9
