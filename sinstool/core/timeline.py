@@ -26,6 +26,8 @@ LAST_HORIZON = 64 * SECOND
 # An interval of more than this many nominal ones is a gap: two samples or more are missing, and
 # what the vehicle did meanwhile is not in the log.
 GAP_INTERVALS = 3.0
+# And of more than this many one that a sample was lost in.
+LOST_INTERVALS = 1.5
 # What lies about when a stream of so many samples has been joined is given back at once.
 LONG_STREAM = 100_000
 S = TypeVar("S", bound=Stream)
@@ -250,6 +252,41 @@ def mean_rates(
             times, block.log_time_ns, block.gyro / seconds, block.accel / seconds, block.orientation
         )
         last = int(times[-1])
+
+
+def means_with_lost(blocks: Iterable[Imu], nominal_ns: float, max_gap_ns: int) -> Iterator[Imu]:
+    """Mean rates, of which one that comes after a lost sample is that of both intervals.
+
+    A mean says nothing of the interval before its own. What a lost one was lies between its
+    neighbours: taken for the one behind it, it would turn a gyro that rocks by more than its noise.
+
+    Parameters
+    ----------
+    blocks : iterable of Imu
+        Ordered; means over an interval that ends at each stamp.
+    nominal_ns : float
+        That interval.
+    max_gap_ns : int
+        What counts as a gap, behind which a mean is that of its own interval.
+    """
+    last: Imu | None = None
+    for block in blocks:
+        joined = block if last is None else concatenate([last, block])
+        last = block.rows(slice(len(block) - 1, None))
+        step = np.diff(joined.time_ns)
+        late = np.flatnonzero((step > LOST_INTERVALS * nominal_ns) & (step <= max_gap_ns))
+        if not len(late):
+            yield block
+            continue
+        lost = np.rint(step[late] / nominal_ns)[:, None] - 1.0
+        rows = late + 1 - (len(joined) - len(block))
+        means = []
+        for values, own in ((joined.gyro, block.gyro), (joined.accel, block.accel)):
+            before, after = values[late], values[late + 1]
+            own = own.copy()
+            own[rows] = (after + 0.5 * lost * (before + after)) / (1.0 + lost)
+            means.append(own)
+        yield replace(block, gyro=means[0], accel=means[1])
 
 
 def _begun(blocks: Iterable[Imu]) -> Iterator[Imu]:

@@ -20,6 +20,7 @@ from sinstool.core.timeline import (
     FIRST_HORIZON,
     GAP_INTERVALS,
     LAST_HORIZON,
+    LOST_INTERVALS,
     SECOND,
     Order,
     OrderCounts,
@@ -355,7 +356,7 @@ def _conclude(
         bursty = True
         limit = GAP_INTERVALS * tally.quantile(0.99)
     gap_count, gap_ns = tally.above(limit)
-    missed = 0 if bursty else max(0, tally.above(1.5 * nominal)[0] - gap_count)
+    missed = 0 if bursty else max(0, tally.above(LOST_INTERVALS * nominal)[0] - gap_count)
     is_gap = tally.long_step > limit
     windows = tally.windows.finish()
     spans = still_spans(windows)

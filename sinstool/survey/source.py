@@ -15,7 +15,7 @@ from sinstool.core.errors import DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.memory import give_back
 from sinstool.core.streams import Imu
-from sinstool.core.timeline import GAP_INTERVALS, SECOND, mean_rates
+from sinstool.core.timeline import GAP_INTERVALS, SECOND, mean_rates, means_with_lost
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import ImuUnits, first_fix
@@ -436,9 +436,12 @@ def rate_blocks(
     *,
     last: bool = False,
 ) -> Iterator[Imu]:
-    """As :func:`imu_blocks`, with increments as mean rates over their own intervals."""
+    """As :func:`imu_blocks`, with increments and means as mean rates since the sample before."""
     blocks = imu_blocks(source, start_ns, progress, last=last)
-    if config.input.sample_kind != "increment":
+    kind, rate = config.input.sample_kind, config.input.imu_rate
+    if kind == "rate" or (kind == "mean-rate" and rate is not None):
         return blocks
-    nominal_ns = nominal_interval(source, config)
-    return mean_rates(blocks, nominal_ns, source.survey.max_gap_ns, config.input.imu_rate)
+    nominal_ns, max_gap_ns = nominal_interval(source, config), source.survey.max_gap_ns
+    if kind == "mean-rate":
+        return means_with_lost(blocks, nominal_ns, max_gap_ns)
+    return mean_rates(blocks, nominal_ns, max_gap_ns, rate)

@@ -116,9 +116,9 @@ class ReceiverOffsets:
 
         An axis known no better than before tells nothing, however far off it seems.
         """
-        sigma = self.arm_off_sigma_b
-        limit = np.maximum(BEYOND * sigma, LEAST_ARM_M)
-        return bool(np.any((np.abs(self.arm_off_b) > limit) & (sigma < 0.5 * ARM_UNKNOWN_M)))
+        off, sigma = self.arm_off_b, self.arm_off_sigma_b
+        shown = (np.abs(off) > BEYOND * sigma) & (sigma < 0.5 * ARM_UNKNOWN_M)
+        return float(np.linalg.norm(off[shown])) > LEAST_ARM_M
 
     def latency_contradicts(self, latency_s: float) -> bool:
         """Whether the log shows that a latency, s, which was given for certain is wrong."""

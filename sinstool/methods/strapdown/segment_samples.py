@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sinstool.core.streams import Imu, Solution, concatenate
-from sinstool.core.timeline import SECOND, Piece, mean_rates, segments
+from sinstool.core.timeline import SECOND, Piece, mean_rates, means_with_lost, segments
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
 from sinstool.methods.coning.stage import ConingStage
 
@@ -66,6 +66,8 @@ def unbiased_segments(blocks: Iterable[Imu], settings: SampleSettings) -> Iterat
     s = settings
     if s.gyro_kind == "increment":
         blocks = mean_rates(blocks, s.nominal_ns, s.max_gap_ns, s.sample_rate)
+    elif s.gyro_kind == "mean-rate" and s.sample_rate is None:
+        blocks = means_with_lost(blocks, s.nominal_ns, s.max_gap_ns)
     for piece in segments(blocks, s.max_gap_ns):
         imu = piece.imu
         unbiased = Imu(imu.time_ns, imu.log_time_ns, imu.gyro - s.gyro_bias, imu.accel)

@@ -13,6 +13,7 @@ from sinstool.core.options import span
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.fix_velocity import message_times, split_position_velocity
+from sinstool.methods.ins_gnss.returning_fixes import leaps
 from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
@@ -114,9 +115,22 @@ def _start_as(
         lag,
         grade,
         gnss_why,
-        (*too_good(source, config, settings), *remarks),
+        (*too_good(source, config, settings), *remarks, *_leapt(gnss)),
     )
     return start_in_longest(source, config, best)
+
+
+def _leapt(gnss: GnssEpochs) -> list[str]:
+    """Warning of fixes that come first after an outage, and are bad."""
+    off = leaps(gnss)
+    bad = int(np.count_nonzero(off))
+    if not bad:
+        return []
+    fixes, where = ("the first fix", "lies") if bad == 1 else (f"{bad} first fixes", "lie up to")
+    return [
+        f"{fixes} after an outage {where} {off.max():.0f} m from where those behind come from:"
+        " that is taken for the sigma"
+    ]
 
 
 def regraded(

@@ -108,12 +108,14 @@ class NoiseFactors:
         """
         imu, control = settings.imu, settings.control
         least, most = self.white
+        # A bare chip's biases follow its temperature over minutes, which no window shows
+        steady = 1.0 if settings.grade in ("consumer",) else 0.0
         noisier = replace(
             imu,
             angle_random_walk=min(max(self.gyro, least), most) * imu.angle_random_walk,
-            gyro_instability=self.gyro * imu.gyro_instability,
+            gyro_instability=max(self.gyro, steady) * imu.gyro_instability,
             velocity_random_walk=self.accel * imu.velocity_random_walk,
-            accel_instability=self.accel * imu.accel_instability,
+            accel_instability=max(self.accel, steady) * imu.accel_instability,
             scale_wander=min(1.0, self.scale * imu.scale_wander),
         )
         virtual = replace(control, virtual_noise=control.virtual_noise and virtual_noise)

@@ -35,6 +35,7 @@ from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
+from sinstool.pipelines.process.ins_gnss.iterated_start import iterated
 from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.survey.source import Source
 
@@ -70,10 +71,10 @@ def with_likeliest(
     best, gain = likeliest(judged, motion, STATED_TILT_SIGMA if stated else TILT_SIGMA)
     if stated:
         return replace(start, denied=gain if gain > DENIED else 0.0)
-    if not gain:
-        return start
-    how = f"{start.how}; replaced by another that fits the fixes of the first minutes better"
-    return replace(start, start=best, how=how)
+    how = start.how
+    if gain:
+        how += "; replaced by another that fits the fixes of the first minutes better"
+    return replace(start, start=iterated(replace(judged, start=best), motion), how=how)
 
 
 def denied_attitude(start: FilterStart) -> list[Finding]:

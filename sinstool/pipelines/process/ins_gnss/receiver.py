@@ -12,6 +12,7 @@ from sinstool.core.order_statistics import median
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.fix_velocity import WORSE, split_position_velocity
+from sinstool.methods.ins_gnss.returning_fixes import leaps
 from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 
@@ -43,7 +44,8 @@ def inflate_sigmas(gnss: GnssEpochs, config: ProcessConfig, stamp_s: float = STA
 
     What the receiver says, times ``gnss_noise_scale``; of positions also what the vehicle moves
     while stamps are uncertain. A fix that claims a centimetre at 15 m/s claims to know its time to
-    0.7 ms, which hardly a log holds; `stamp_s` is 0 for one whose fixes show that it does.
+    0.7 ms, which hardly a log holds; `stamp_s` is 0 for one whose fixes show that it does. The
+    first fixes after an outage, which no filter can judge, are held against those that follow.
     """
     factor = config.filter.gnss_noise_scale
     square = np.square(gnss.velocity_n)
@@ -54,7 +56,10 @@ def inflate_sigmas(gnss: GnssEpochs, config: ProcessConfig, stamp_s: float = STA
         stamp = np.where(gnss.has_velocity[:, None], stamp, stamp_s * _speed(gnss))
     position = factor * _worse_for_long(gnss)
     velocity = factor * np.maximum(gnss.sigma_velocity_n, LEAST_VELOCITY)
-    return replace(gnss, sigma_position_n=np.hypot(position, stamp), sigma_velocity_n=velocity)
+    off = leaps(gnss)
+    leapt = np.where(off > 0.0, off, np.nan)[:, None]
+    position = np.fmax(np.hypot(position, stamp), leapt)
+    return replace(gnss, sigma_position_n=position, sigma_velocity_n=velocity)
 
 
 def _worse_for_long(gnss: GnssEpochs) -> FloatArray:

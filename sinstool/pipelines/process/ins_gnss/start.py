@@ -10,8 +10,9 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.sensor_errors import LOW_COST
+from sinstool.methods.sensor_errors import LOW_COST, SensorGrade, as_if_aligned
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 from sinstool.pipelines.process.ins_gnss.contradictions import compare_with_log
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
@@ -312,10 +313,22 @@ def _calibrated(
         begun = _begun_as(source, config, first, judged, start.lag)
         other = timed(source, config, algorithm, begun)
     except AlignmentError:
-        return first, start, drift, fits
+        # Too uncertain for a start as such an Imu. What it is, innovations say all the same
+        before = start.grade.grade
+        begun = regraded(source, config, first, replace(judged, aligned_as=before))
+        other = timed(source, config, algorithm, begun)
+        other = _less_level(other, fits.sensors(before), fits.sensors(judged.grade))
     log_choice("IMU grade", f"{judged.grade}, {judged.why}")
     other, drift = _as_quiet_as_in_motion(source, config, algorithm, other)
     return begun, other, drift, GradeFits(source, config, algorithm, other, drift.factors())
+
+
+def _less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> FilterStart:
+    """A start that was aligned with better accelerometers than its own, with their sigmas."""
+    felt = as_if_aligned(imu).accel_bias ** 2 - as_if_aligned(aligned).accel_bias ** 2
+    tilt = max(felt, 0.0) / STANDARD_GRAVITY**2
+    covariance = start.start.covariance_attitude_n + np.diag([tilt, tilt, 0.0])
+    return replace(start, start=replace(start.start, covariance_attitude_n=covariance))
 
 
 def _begun_as(

@@ -1,0 +1,83 @@
+"""The first fixes after an outage, held against those that follow them.
+
+When fixes come back, a navigation is so uncertain that its filter takes the first of them wherever
+it is, and is thrown off by a bad one: with its small sigma, what comes next is turned down. Fixes
+that follow know better, as a vehicle does not leap.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.earth import horizontal_metres
+from sinstool.core.order_statistics import median
+from sinstool.core.rotation import wrapped
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss.fix_velocity import LEAST_FIXES, MOST_TURN, OUTLYING
+
+# Fixes that stay away so long, s, come back after an outage; within so long of one another they
+# show where a vehicle goes.
+OUTAGE_S, FOLLOW_S = 5.0, 2.5
+# Of the fixes that come back.
+FIRST, FOLLOWING = 2, 3
+
+
+def leaps(gnss: GnssEpochs) -> FloatArray:
+    """How far the first positions after outages are from where those behind them come from.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs
+        By time; the log's first fix comes after an outage, too.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        m; 0 of all fixes but bad ones.
+    """
+    off = np.zeros(len(gnss))
+    rows = np.flatnonzero(gnss.has_position)
+    if len(rows) < LEAST_FIXES:
+        return off
+    seconds = (gnss.time_ns[rows] - gnss.time_ns[rows[0]]) * 1e-9
+    north, east = horizontal_metres(
+        gnss.latitude[rows] - gnss.latitude[rows[0]],
+        wrapped(gnss.longitude[rows] - gnss.longitude[rows[0]]),
+        gnss.latitude[rows[0]],
+    )
+    place = np.stack([north, east, np.nan_to_num(gnss.height[rows])], axis=1)
+    noise = _noise(gnss, rows, seconds, place)
+    for first in np.flatnonzero(np.diff(seconds, prepend=-np.inf) > OUTAGE_S):
+        last = first + FIRST + FOLLOWING
+        t, p = seconds[first:last], place[first:last]
+        if len(t) < FIRST + FOLLOWING or not np.all(np.diff(t) < FOLLOW_S):
+            continue
+        good = FIRST  # the first of those that agree
+        far, limit = _leap(t, p, good, good + 1, good + 2)
+        if far > OUTLYING * noise + limit:
+            continue  # those do not agree themselves
+        for k in reversed(range(FIRST)):
+            far, limit = _leap(t, p, k, good, good + 1)
+            if far > OUTLYING * noise + limit:
+                off[rows[first + k]] = far
+            else:
+                good = k
+    return off
+
+
+def _noise(gnss: GnssEpochs, rows: IntArray, seconds: FloatArray, place: FloatArray) -> float:
+    """What usual fixes are off the line through the next two, or as much as is stated, m."""
+    before, after = np.diff(seconds)[:-1], np.diff(seconds)[1:]
+    ratio = (before / after)[:, None]
+    off = np.linalg.norm(place[:-2] - place[1:-1] + ratio * (place[2:] - place[1:-1]), axis=1)
+    sigma = gnss.sigma_position_n[rows, :2]
+    stated = float(median(sigma[np.isfinite(sigma)])) if np.isfinite(sigma).any() else 0.0
+    return max(float(median(off)), stated)
+
+
+def _leap(t: FloatArray, p: FloatArray, k: int, near: int, next_: int) -> tuple[float, float]:
+    """How far a fix is from the line through two that follow, and what a turn makes of that, m."""
+    before, between = float(t[near] - t[k]), float(t[next_] - t[near])
+    line = p[near] - (p[next_] - p[near]) * before / between
+    return float(np.linalg.norm(p[k] - line)), 0.5 * MOST_TURN * before * (before + between)

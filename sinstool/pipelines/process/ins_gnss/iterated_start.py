@@ -1,0 +1,98 @@
+"""A first attitude about which a filter is nearly linear: that of its own smoother.
+
+A filter that begins with an attitude tens of degrees off is linear about it, and takes its turn to
+the true one for what it was not: it believes to have seen tilts apart from biases, which no motion
+so far shows. The smoothed attitude at the start is nearer to the truth; a filter that begins there,
+with the same sigmas, is linear about the truth. That is the iterated smoother of Bell (1994), a
+method of Gauss and Newton, which ends where a step changes little. The attitude before, which is
+worth less than a minute of fixes, counts once more with each step.
+
+References
+----------
+.. [1] B. M. Bell, "The iterated Kalman smoother as a Gauss-Newton method", SIAM Journal on
+   Optimization 4(3), 1994, 626-636.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.core.rotation import conjugate, log, multiply
+from sinstool.core.streams import take_rows
+from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
+from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.fix_velocity import outlying
+from sinstool.methods.ins_gnss.settings import Start
+from sinstool.methods.ins_gnss.smoother import Smoother, corrected_navigation
+from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
+from sinstool.methods.strapdown.navigation import Q_W, Q_Z
+from sinstool.methods.strapdown.velocity import Increments
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
+
+# Fixes that come faster than this tell little more, and what a smoother stores grows with them.
+APART_NS = SECOND // 2
+# Errors of second order of an attitude that is off by this are half a milliradian.
+NEARLY_LINEAR, MOST_STEPS = 2.0 * DEGREE, 4
+# Steps that lead away make the fixes less likely by more than this, in -2 log likelihood.
+ASTRAY = 10.0
+
+
+def iterated(begun: FilterStart, motion: Increments | None) -> Start:
+    """The start with the attitude at which an iterated smoother ends.
+
+    Parameters
+    ----------
+    begun : FilterStart
+        With the latency and the lever arm that its fixes are to be used with.
+    motion : Increments or None
+        From the start on, for some minutes.
+
+    Returns
+    -------
+    Start
+        With the same sigmas; the same altogether where a filter that begins with it is nearly
+        linear, too few fixes follow, or no other attitude makes these as likely.
+    """
+    start = begun.start
+    if motion is None:
+        return start
+    joined = joined_updates(motion, JOINED_S)
+    least = np.inf
+    for _ in range(MOST_STEPS):
+        smoothed = _smoothed(replace(begun, start=start), joined)
+        if smoothed is None:
+            break
+        cost, nav = smoothed
+        if cost > least + ASTRAY:
+            return begun.start
+        least = min(least, cost)
+        turned = log(multiply(nav[Q_W : Q_Z + 1], conjugate(start.nav[Q_W : Q_Z + 1])))
+        if float(np.linalg.norm(turned)) < NEARLY_LINEAR:
+            break
+        attitude = np.concatenate([start.nav[:Q_W], nav[Q_W : Q_Z + 1]])
+        start = replace(start, nav=attitude)
+    return start
+
+
+def _smoothed(begun: FilterStart, motion: Increments) -> tuple[float, np.ndarray] | None:
+    """-2 log likelihood of the innovations, and the smoothed navigation at the start."""
+    # A gate would leave out fixes that a wrong attitude contradicts
+    control = replace(begun.settings.control, gate_probability=1.0, adaptive="off")
+    settings = replace(begun.settings, network=None, control=control)
+    fixes = begun.used_until(int(motion.time_ns[-1]))
+    fixes = fixes.rows(~outlying(fixes))
+    apart = np.unique(fixes.time_ns // APART_NS, return_index=True)[1]
+    run = InsGnssFilter(begun.start, settings, with_baro=False, output=False, store=True)
+    block = run.push(motion, fixes.rows(apart))
+    epochs = take_rows(block.gnss, np.isfinite(block.gnss.nis))
+    if len(epochs) < LEAST_EPOCHS:
+        return None
+    with Smoother(run.kind, outputs=False) as smoother:
+        smoother.push(block)
+        error = smoother.epochs().first_error.copy()
+    nav = corrected_navigation(begun.start.nav[None], error[None])[0]
+    return float(np.sum(unlikely(epochs))), nav
