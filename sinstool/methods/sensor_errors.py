@@ -196,6 +196,24 @@ IMU_GRADES = _grades(_GRADES, _ASSUMED)
 """What a filter assumes, by grade of IMU."""
 
 
+# What a calibration takes off.
+_CALIBRATED = ("accel_bias", "accel_scale", "gyro_scale", "gyro_misalignment", "accel_misalignment")
+UNCALIBRATED_BY = IMU_GRADES["consumer"].gyro_misalignment / IMU_GRADES["mems"].gyro_misalignment
+"""How many times as large as after a calibration the angles of a bare chip are."""
+
+
+def partly_calibrated(calibrated: SensorGrade, bare: SensorGrade, share: float) -> SensorGrade:
+    """Errors between those of a calibrated Imu, share 0, and of a bare chip, share 1.
+
+    Each by its logarithm; the noise is that of the former.
+    """
+    errors = {
+        name: getattr(calibrated, name) ** (1.0 - share) * getattr(bare, name) ** share
+        for name in _CALIBRATED
+    }
+    return replace(calibrated, **errors)
+
+
 def log_odds_uncalibrated(gyro_bias: FloatArray) -> float:
     """Log of the odds that a low-cost Imu is not calibrated, 0 before a bias is known.
 

@@ -48,12 +48,16 @@ class ImuGrade:
     aligned_as : Grade or None
         That of its first attitude, where it is another: drift says little of biases, which an
         alignment has to allow for.
+    uncalibrated : float or None
+        How far a low-cost Imu is from a calibrated one, 0, and near to a bare chip, 1, in powers of
+        what a calibration takes off; None: as its grade has it.
     """
 
     grade: Grade
     why: str
     by_drift: bool = False
     aligned_as: Grade | None = None
+    uncalibrated: float | None = None
 
 
 def to_align_as(config: ProcessConfig, grade: ImuGrade) -> ProcessConfig:

@@ -17,7 +17,13 @@ from sinstool.methods.ins_gnss.settings import (
     Settings,
 )
 from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
-from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade, SensorGrade
+from sinstool.methods.sensor_errors import (
+    IMU_GRADES,
+    LOW_COST,
+    Grade,
+    SensorGrade,
+    partly_calibrated,
+)
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.pipelines.process.ins_gnss.imu_fit import next_worse
@@ -79,7 +85,7 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     navigation grade from others, but leaves its biases open, and scale factors are then no better
     than those of the grade below.
     """
-    noise, walks = imu_noise(config, grade.grade, has_scales(config)), random_walks(source)
+    noise, walks = _of_grade(config, grade), random_walks(source)
     options, file = config.in_flight, config.navigation.imu_noise
     if grade.by_drift:
         # Which says little of the biases at the start, and of how the axes lie in the case
@@ -103,6 +109,14 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
         same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
         noise = replace(noise, **{name: changes[name] for name in same})
     return noise
+
+
+def _of_grade(config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
+    """Errors of a grade, or of a low-cost Imu that is calibrated in part."""
+    if grade.uncalibrated is None:
+        return imu_noise(config, grade.grade, has_scales(config))
+    bare, calibrated = (imu_noise(config, one, has_scales(config)) for one in LOW_COST)
+    return partly_calibrated(calibrated, bare, grade.uncalibrated)
 
 
 def as_in_motion(source: Source, noise: SensorGrade) -> SensorGrade:

@@ -152,6 +152,15 @@ def regraded(
     return replace(first.at(found), settings=settings, grade=grade)
 
 
+def as_graded(
+    source: Source, config: ProcessConfig, start: FilterStart, grade: ImuGrade
+) -> FilterStart:
+    """A start with the Imu of another grade, all else as it is."""
+    settings = filter_settings(source, config, grade, start.settings.gnss, start.reference)
+    settings = replace(start.settings, imu=settings.imu, control=settings.control)
+    return replace(start, settings=replace(settings, grade=grade.grade), grade=grade)
+
+
 def _first_latency(
     source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
 ) -> tuple[float, FoundStart]:

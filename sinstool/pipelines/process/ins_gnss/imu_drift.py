@@ -65,6 +65,8 @@ CHANCE = 0.01
 MEDIAN_OF_MEAN = float(np.log(2.0))
 # Factors nearer to 1 than this are none.
 LEAST_CHANGE = 1.3
+# The least share of its grade's bias instability that a bare chip has.
+WARMING = 0.5
 # Sensors that are noisier than so many times a grade are not of it.
 MOST_BETTER = 8.0
 
@@ -108,14 +110,12 @@ class NoiseFactors:
         """
         imu, control = settings.imu, settings.control
         least, most = self.white
-        # A bare chip's biases follow its temperature over minutes, which no window shows
-        steady = 1.0 if settings.grade in ("consumer",) else 0.0
         noisier = replace(
             imu,
             angle_random_walk=min(max(self.gyro, least), most) * imu.angle_random_walk,
-            gyro_instability=max(self.gyro, steady) * imu.gyro_instability,
+            gyro_instability=self.gyro * imu.gyro_instability,
             velocity_random_walk=self.accel * imu.velocity_random_walk,
-            accel_instability=max(self.accel, steady) * imu.accel_instability,
+            accel_instability=self.accel * imu.accel_instability,
             scale_wander=min(1.0, self.scale * imu.scale_wander),
         )
         virtual = replace(control, virtual_noise=control.virtual_noise and virtual_noise)
@@ -274,9 +274,21 @@ class Drift:
         return NoiseFactors(gyro, accel, scale, self._white)
 
     def used(self, factors: NoiseFactors) -> Settings:
-        """The settings with such noise, and without a fictitious one that has been measured."""
+        """The settings with such noise, and without a fictitious one that has been measured.
+
+        The biases of a bare chip follow its temperature over minutes, which no window shows.
+        """
         better = self._estimated and max(factors.gyro, factors.accel) < 1.0
-        return factors.of(self._start.settings, not better)
+        settings = factors.of(self._start.settings, not better)
+        if settings.grade != "consumer":
+            return settings
+        imu, least = settings.imu, self._start.settings.imu
+        warming = replace(
+            imu,
+            gyro_instability=max(imu.gyro_instability, WARMING * least.gyro_instability),
+            accel_instability=max(imu.accel_instability, WARMING * least.accel_instability),
+        )
+        return replace(settings, imu=warming)
 
     def gains(self, factors: NoiseFactors, others: Mapping[T, SensorGrade]) -> dict[T, float]:
         """Twice the log of how much likelier the drift is with other sensors that are as noisy.

@@ -11,13 +11,19 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import get_args
 
+import numpy as np
+
 from sinstool.config import ProcessConfig
+from sinstool.core.arrays import FloatArray
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import (
+    IMU_GRADES,
     LOW_COST,
+    UNCALIBRATED_BY,
     Grade,
     SensorGrade,
     log_odds_uncalibrated,
+    partly_calibrated,
 )
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
@@ -35,9 +41,13 @@ from sinstool.survey.source import Source
 # A better grade is tried where gyros are so many times as noisy as theirs, and taken where it is
 # likelier by this: twice the log, e^5 to 1.
 QUIETER, LEAST_GAIN = 0.7, 10.0
-# A bare chip, and calibrated Imus: the best and the worst of these differ as much as the worst and
-# a chip.
-CALIBRATED_AS: tuple[Grade, ...] = ("consumer", "mems", "industrial")
+# As how far from calibrated low-cost Imus are tried; one that is, may be as good as an industrial.
+SHARES = (0.0, 0.5, 1.0)
+# By so many natural units another share must be likelier for odds of e to 1: what innovations do
+# not have in common with a model moves their likelihood by tens of units.
+DOUBT = 2.0
+# A share that is as good as all or nothing.
+NEARLY = 0.1
 
 
 class GradeFits:
@@ -61,7 +71,7 @@ class GradeFits:
     ) -> None:
         self.source, self.config, self.start, self.factors = source, config, start, factors
         self._algorithm = algorithm
-        self._made: dict[Grade, Fit | None] = {}
+        self._made: dict[Grade | float, Fit | None] = {}
 
     def sensors(self, grade: Grade) -> SensorGrade:
         """Errors of the sensors of a grade."""
@@ -69,22 +79,32 @@ class GradeFits:
 
     def of(self, grade: Grade) -> Fit | None:
         """Fit of sensors of a grade with the noise that the drift shows."""
-        if grade not in self._made:
+        return self._fit(grade, self.sensors(grade))
+
+    def uncalibrated_by(self, share: float) -> Fit | None:
+        """The same of low-cost sensors between a calibrated Imu, 0, and a bare chip, 1."""
+        bare, calibrated = (self.sensors(grade) for grade in LOW_COST)
+        return self._fit(share, partly_calibrated(calibrated, bare, share))
+
+    def _fit(self, key: Grade | float, sensors: SensorGrade) -> Fit | None:
+        if key not in self._made:
             shown = self.start.by_the_fixes
             used = self.factors.of(shown.settings, virtual_noise=False)
             # With a state for each error: without, large ones are noise, and ever less likely
-            imu = as_noisy_as(self.sensors(grade), used.imu)
+            imu = as_noisy_as(sensors, used.imu)
             used = replace(used, imu=imu, filter="network-29a")
             noisy = replace(shown, settings=used)
-            self._made[grade] = fit(self.source, self.config, self._algorithm, noisy)
-        return self._made[grade]
+            self._made[key] = fit(self.source, self.config, self._algorithm, noisy)
+        return self._made[key]
 
 
 def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
-    """Of a low-cost Imu: calibrated only if innovations are clearly likelier so, and its bias is.
+    """How well a low-cost Imu is calibrated, by its innovations and its bias at rest.
 
     The noise of calibrated Imus and of bare chips is the same, but scale factors and angles of
-    these are ten to fifty times as large.
+    these are ten to fifty times as large. A level vehicle does not show them all, and those that it
+    shows may be small by chance. So what is assumed of all is the mean of their squares by how
+    likely each share is.
 
     Returns
     -------
@@ -93,16 +113,40 @@ def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
     """
     if fits.start.grade.grade not in LOW_COST or fits.config.navigation.imu_noise is not None:
         return None
-    bare, *calibrated = (fits.of(grade) for grade in CALIBRATED_AS)
-    if bare is None:
+    made = [fits.uncalibrated_by(share) for share in SHARES]
+    if any(fit is None for fit in made):
         return None
-    source = fits.source
-    rest = longest_rest(source.survey.spans, source.aiding.gnss)
-    least = LEAST_GAIN if rest is None else LEAST_GAIN + 2.0 * log_odds_uncalibrated(rest.gyro)
-    gains = [(bare.cost - fit.cost) * fit.epochs for fit in calibrated if fit is not None]
-    if max(gains, default=0.0) > least:
+    cost = np.array([fit.cost * fit.epochs for fit in made if fit is not None])
+    industrial = fits.of("industrial")
+    if industrial is not None:
+        cost[0] = min(cost[0], industrial.cost * industrial.epochs)
+    rest = longest_rest(fits.source.survey.spans, fits.source.aiding.gnss)
+    odds = 0.0 if rest is None else log_odds_uncalibrated(rest.gyro)
+    share = uncalibrated_share(cost, odds)
+    if share < NEARLY:
         return ImuGrade("mems", "as innovations are clearly likelier than as an uncalibrated one")
-    return ImuGrade("consumer", "as innovations do not show that it is calibrated")
+    if share > 1.0 - NEARLY:
+        return ImuGrade("consumer", "as innovations do not show that it is calibrated")
+    angle = 1e3 * IMU_GRADES["mems"].gyro_misalignment * UNCALIBRATED_BY**share
+    why = f"calibrated to about {angle:.2g} mrad, as far as innovations show"
+    return ImuGrade("mems" if share < 0.5 else "consumer", why, uncalibrated=share)
+
+
+def uncalibrated_share(cost: FloatArray, log_odds: float) -> float:
+    """The share whose squared angles are the mean of those of `SHARES`.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (3,)
+        -2 log likelihood of each of them.
+    log_odds : float
+        Log of the odds, by all else that is known, that the Imu is a bare chip.
+    """
+    shares = np.array(SHARES)
+    log_weight = (cost.min() - cost) / (2.0 * DOUBT) + log_odds * shares
+    weight = np.exp(log_weight - log_weight.max())
+    square = float(weight @ UNCALIBRATED_BY ** (2.0 * shares)) / float(weight.sum())
+    return float(np.log(square) / (2.0 * np.log(UNCALIBRATED_BY)))
 
 
 def better_grade(fits: GradeFits, drift: Drift) -> Grade | None:

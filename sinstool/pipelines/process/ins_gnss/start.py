@@ -20,7 +20,7 @@ from sinstool.pipelines.process.ins_gnss.filter_settings import (
     receiver_stated,
 )
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.first_start import first_start, regraded
+from sinstool.pipelines.process.ins_gnss.first_start import as_graded, first_start, regraded
 from sinstool.pipelines.process.ins_gnss.imu_drift import (
     Drift,
     shaking,
@@ -307,8 +307,18 @@ def _calibrated(
         Of that start.
     """
     start, judged = fits.start, likelier_low_cost(fits)
-    if judged is None or judged.grade == start.grade.grade:
+    if judged is None or (judged.grade == start.grade.grade and judged.uncalibrated is None):
         return first, start, drift, fits
+    log_choice("IMU grade", f"{judged.grade}, {judged.why}")
+    if judged.grade == start.grade.grade:
+        # Aligned as such a one already
+        why = f"{start.grade.why}; {judged.why}"
+        judged = replace(judged, why=why)
+        other = as_graded(source, config, start, judged)
+        other = _less_level(other, fits.sensors(judged.grade), other.settings.imu)
+        other, drift = _as_quiet_as_in_motion(source, config, algorithm, other)
+        fits = GradeFits(source, config, algorithm, other, drift.factors())
+        return replace(first, grade=judged), other, drift, fits
     try:
         begun = _begun_as(source, config, first, judged, start.lag)
         other = timed(source, config, algorithm, begun)
@@ -317,8 +327,7 @@ def _calibrated(
         before = start.grade.grade
         begun = regraded(source, config, first, replace(judged, aligned_as=before))
         other = timed(source, config, algorithm, begun)
-        other = _less_level(other, fits.sensors(before), fits.sensors(judged.grade))
-    log_choice("IMU grade", f"{judged.grade}, {judged.why}")
+        other = _less_level(other, fits.sensors(before), other.settings.imu)
     other, drift = _as_quiet_as_in_motion(source, config, algorithm, other)
     return begun, other, drift, GradeFits(source, config, algorithm, other, drift.factors())
 
