@@ -7,7 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sinstool.core.streams import Imu, concatenate
-from sinstool.core.timeline import SECOND, Order, OrderCounts, mean_rates, ordered, segments
+from sinstool.core.timeline import (
+    SECOND,
+    Order,
+    OrderCounts,
+    mean_rates,
+    means_with_lost,
+    ordered,
+    segments,
+)
 
 BASES = [0, -50, 1_700_000_000_000_000_000]
 
@@ -178,3 +186,46 @@ def test_mean_rates_divide_by_each_interval(times, at, nominal, limit):
         np.testing.assert_array_equal(out.accel[k], stream.accel[k] / (step / SECOND))
     np.testing.assert_array_equal(out.time_ns, stream.time_ns)
     np.testing.assert_array_equal(out.log_time_ns, stream.log_time_ns)
+
+
+STEP = 5_000_000  # ns
+
+
+def means(there, rocking):
+    """Means of a rate that rocks over the intervals that end at the samples; which are there."""
+    edges = np.arange(len(there) + 1) * STEP / SECOND
+    turned = -np.cos(rocking * edges)[:, None] * [1.0, -2.0, 0.5]
+    rate = np.diff(turned, axis=0) / (STEP / SECOND)
+    times = np.arange(1, len(there) + 1) * STEP
+    log = Imu(times[there], times[there], rate[there], 9.0 * rate[there])
+    return log, turned, rate
+
+
+@given(st.lists(st.booleans(), min_size=40, max_size=80), st.floats(1.0, 12.0), st.data())
+def test_a_lost_mean_lies_between_its_neighbours(there, rocking, data):
+    """However many are lost and wherever blocks end, the angle is that of all intervals."""
+    there = np.array(there)
+    there[[0, -1]] = True
+    imu, turned, rate = means(there, rocking)
+    edges = data.draw(st.lists(st.integers(0, len(imu)), max_size=4))
+    blocks = [b for b in cut(imu, sorted(edges)) if len(b)]
+    out = concatenate(list(means_with_lost(blocks, STEP, 100 * STEP)))
+    assert np.array_equal(out.time_ns, imu.time_ns)
+    steps = np.diff(imu.time_ns, prepend=0) / SECOND
+    angle = np.cumsum(out.gyro * steps[:, None], axis=0)
+    lost = np.diff(np.flatnonzero(there), prepend=-1) - 1
+    # Of a straight line: an eighth of the second derivative times the square of its length
+    bend = np.sum(lost * ((lost + 1) * STEP / SECOND) ** 2 / 8.0 * 2.0 * rocking**3)
+    off = np.abs(angle - (turned[1:] - turned[0])[there])
+    assert np.all(off <= 1.1 * bend * STEP / SECOND + 1e-12)
+    assert np.allclose(out.accel, 9.0 * out.gyro)
+    whole = lost == 0
+    assert np.array_equal(out.gyro[whole], rate[there][whole])
+
+
+def test_a_mean_behind_a_gap_is_that_of_its_own_interval():
+    there = np.ones(40, bool)
+    there[10:25] = False
+    imu, _, rate = means(there, 5.0)
+    out = concatenate(list(means_with_lost([imu], STEP, 3 * STEP)))
+    assert np.array_equal(out.gyro, rate[there])

@@ -92,3 +92,21 @@ def test_a_few_epochs_give_no_offsets(monkeypatch, count):
     monkeypatch.setattr(receiver_offsets, "offset_scores", lambda *_: scores(np.full(count, 6.0)))
     found = estimate_offsets(None, Settings(), [], None)
     assert (found is None) == (count < _LEAST)
+
+
+@pytest.mark.parametrize(
+    ("off", "sigma", "contradicts"),
+    [
+        # Each axis within 0.3 m, and 0.41 m off: a phone's chip tilted by 2.7 deg for it
+        ([-0.27, 0.14, 0.27], 0.03, True),
+        ([-0.2, 0.1, 0.15], 0.03, False),
+        ([-0.27, 0.14, 0.27], 0.1, False),
+        ([0.0, 0.0, 0.35], 0.03, True),
+        ([3.0, 0.0, 0.0], 1.2, False),
+    ],
+)
+def test_an_arm_contradicts_by_its_length(off, sigma, contradicts):
+    arm = receiver_offsets.ReceiverOffsets(
+        0.0, np.array(off), np.eye(4), np.array(off), np.full(3, sigma), np.zeros((3, 4, 4)), 1.0
+    )
+    assert arm.arm_contradicts == contradicts

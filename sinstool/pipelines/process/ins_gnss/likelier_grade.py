@@ -46,6 +46,9 @@ SHARES = (0.0, 0.5, 1.0)
 # By so many natural units another share must be likelier for odds of e to 1: what innovations do
 # not have in common with a model moves their likelihood by tens of units.
 DOUBT = 2.0
+# Odds that a small bias at rest speaks for a calibration with, at most: e to 1. Drivers take biases
+# off that nobody has calibrated.
+LEAST_LOG_ODDS = -1.0
 # A share that is as good as all or nothing.
 NEARLY = 0.1
 
@@ -83,6 +86,8 @@ class GradeFits:
 
     def uncalibrated_by(self, share: float) -> Fit | None:
         """The same of low-cost sensors between a calibrated Imu, 0, and a bare chip, 1."""
+        if share in (0.0, 1.0):
+            return self.of("consumer" if share else "mems")
         bare, calibrated = (self.sensors(grade) for grade in LOW_COST)
         return self._fit(share, partly_calibrated(calibrated, bare, share))
 
@@ -121,7 +126,7 @@ def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
     if industrial is not None:
         cost[0] = min(cost[0], industrial.cost * industrial.epochs)
     rest = longest_rest(fits.source.survey.spans, fits.source.aiding.gnss)
-    odds = 0.0 if rest is None else log_odds_uncalibrated(rest.gyro)
+    odds = 0.0 if rest is None else max(log_odds_uncalibrated(rest.gyro), LEAST_LOG_ODDS)
     share = uncalibrated_share(cost, odds)
     if share < NEARLY:
         return ImuGrade("mems", "as innovations are clearly likelier than as an uncalibrated one")
@@ -143,7 +148,7 @@ def uncalibrated_share(cost: FloatArray, log_odds: float) -> float:
         Log of the odds, by all else that is known, that the Imu is a bare chip.
     """
     shares = np.array(SHARES)
-    log_weight = (cost.min() - cost) / (2.0 * DOUBT) + log_odds * shares
+    log_weight = 0.5 * (cost.min() - cost) / DOUBT + log_odds * shares
     weight = np.exp(log_weight - log_weight.max())
     square = float(weight @ UNCALIBRATED_BY ** (2.0 * shares)) / float(weight.sum())
     return float(np.log(square) / (2.0 * np.log(UNCALIBRATED_BY)))

@@ -1,9 +1,12 @@
 """A quiet Imu whose biases are not those of the grade that its noise at rest looks like."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from benchmarks.trusted_navigation import process
@@ -11,7 +14,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
 from sinstool.io.readers import open_log
-from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES
+from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES, partly_calibrated
 from sinstool.pipelines.process.ins_gnss import (
     filter_settings,
     first_start,
@@ -20,7 +23,7 @@ from sinstool.pipelines.process.ins_gnss import (
     start,
 )
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit
-from sinstool.pipelines.process.ins_gnss.likelier_grade import clearly_likelier
+from sinstool.pipelines.process.ins_gnss.likelier_grade import clearly_likelier, uncalibrated_share
 from sinstool.survey.grade import ImuGrade, sensor_grade
 from sinstool.survey.source import prepare
 from tests.helpers.filter_logs import run, simulated, start_of
@@ -167,20 +170,21 @@ def test_a_rest_shows_a_bare_chip_by_its_bias(tmp_path, grade, expected):
 @pytest.mark.parametrize(
     ("bias_deg_s", "gain", "expected"),
     [
-        (None, 9.0, "consumer"),
-        (None, 11.0, "mems"),
+        (None, 0.0, "consumer"),
+        (None, 40.0, "mems"),
         # A small bias speaks for a calibration, a large one against it
-        (0.0, 9.0, "mems"),
-        (0.0, -1.0, "consumer"),
+        (0.0, 15.0, "mems"),
+        (0.0, -20.0, "consumer"),
         (1.0, 11.0, "consumer"),
     ],
 )
 def test_a_low_cost_imu_is_calibrated_by_innovations_and_bias_together(
     monkeypatch, bias_deg_s, gain, expected
 ):
-    costs = {"consumer": 5.0, "mems": 5.0 - gain / 100, "industrial": 9.0}
-    shown = {grade: Fit(1.0, cost, 100) for grade, cost in costs.items()}
-    monkeypatch.setattr(likelier_grade.GradeFits, "of", lambda _, grade: shown[grade])
+    costs = {0.0: 5.0 - gain / 100, 0.5: 5.0, 1.0: 5.0}
+    shown = {share: Fit(1.0, cost, 100) for share, cost in costs.items()}
+    monkeypatch.setattr(likelier_grade.GradeFits, "uncalibrated_by", lambda _, s: shown[s])
+    monkeypatch.setattr(likelier_grade.GradeFits, "of", lambda *_: Fit(1.0, 9.0, 100))
     rest = None if bias_deg_s is None else SimpleNamespace(gyro=np.deg2rad([bias_deg_s, 0.0, 0.0]))
     monkeypatch.setattr(likelier_grade, "longest_rest", lambda *_: rest)
     source = SimpleNamespace(survey=SimpleNamespace(spans=()), aiding=SimpleNamespace(gnss=None))
@@ -188,6 +192,69 @@ def test_a_low_cost_imu_is_calibrated_by_innovations_and_bias_together(
     fits = likelier_grade.GradeFits(source, ProcessConfig(), None, before, None)
     judged = likelier_grade.likelier_low_cost(fits)
     assert judged is not None and judged.grade == expected
+
+
+@given(
+    st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3), st.floats(-50.0, 50.0), st.floats(0, 50)
+)
+def test_a_share_is_within_what_is_tried_and_follows_what_is_likelier(cost, log_odds, less):
+    cost = np.array(cost)
+    share = uncalibrated_share(cost, log_odds)
+    assert 0.0 <= share <= 1.0 + 1e-12
+    assert uncalibrated_share(cost, log_odds + less) >= share - 1e-9
+    assert uncalibrated_share(cost + less, log_odds) == pytest.approx(share, abs=1e-6)
+    assert uncalibrated_share(cost - [less, 0.0, 0.0], log_odds) <= share + 1e-9
+
+
+def test_a_share_is_that_of_the_mean_square():
+    """A tenth of the odds for angles of ten times make 3.3 times of them."""
+    cost = np.array([0.0, np.inf, 2.0 * likelier_grade.DOUBT * np.log(9.0)])
+    assert uncalibrated_share(cost, 0.0) == pytest.approx(np.log10(np.sqrt(0.9 + 0.1 * 100.0)))
+
+
+@given(st.floats(0.0, 1.0))
+def test_a_calibration_in_part_lies_between(share):
+    mems, chip = IMU_GRADES["mems"], IMU_GRADES["consumer"]
+    imu = partly_calibrated(mems, chip, share)
+    for name in ("accel_bias", "accel_scale", "gyro_scale", "gyro_misalignment"):
+        between = (1.0 - share) * np.log(getattr(mems, name)) + share * np.log(getattr(chip, name))
+        assert np.log(getattr(imu, name)) == pytest.approx(between)
+    assert imu.angle_random_walk == mems.angle_random_walk
+    used = filter_settings._of_grade(ProcessConfig(), ImuGrade("mems", "", uncalibrated=share))
+    assert used == imu
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("across", [1e-3, 3e-3, 1e-2])
+def test_sigmas_hold_however_well_axes_are_calibrated(tmp_path, across):
+    """Tilts of level cars are off by as much as gyros feel turns across: no fixes show it."""
+    off = []
+    for seed in range(1, 5):
+        truth = drive(seed, 260.0, 20.0)
+        imu = sensor_errors(0.4, 200.0, 0.12, 8000.0, 1e6 * across, 0.5)
+        data = crossed(record(truth, imu, seed, gnss_rate=5.0, sigma=0.3), seed, across)
+        log = write(tmp_path / f"{seed}.mcap", data)
+        answer, status, _ = process(log, truth, [])
+        assert status == 0
+        off.append(np.mean(np.square(answer.error[:, 6:8] / answer.sigma[:, 6:8])))
+    assert 0.4 < np.sqrt(np.mean(off)) < 2.0
+
+
+@dataclass(frozen=True)
+class Begun:
+    start: "Begun | None" = None
+    covariance_attitude_n: np.ndarray | None = None
+
+
+def test_a_start_that_was_aligned_as_a_better_imu_is_less_level():
+    mems, chip = IMU_GRADES["mems"], IMU_GRADES["consumer"]
+    begun = Begun(Begun(covariance_attitude_n=np.diag([1e-4, 1e-4, 1e-2])))
+    tilt = start._less_level(begun, mems, chip).start.covariance_attitude_n
+    felt = (chip.accel_bias**2 - mems.accel_bias**2) / 9.80665**2
+    felt += chip.accel_misalignment**2 - mems.accel_misalignment**2
+    assert np.allclose(np.diag(tilt), [1e-4 + felt, 1e-4 + felt, 1e-2])
+    same = start._less_level(begun, chip, mems).start.covariance_attitude_n
+    assert np.array_equal(same, begun.start.covariance_attitude_n)
 
 
 @pytest.mark.parametrize("starts", [("consumer",), ()])

@@ -1,0 +1,116 @@
+"""The first fixes after an outage, held against those that follow."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sinstool.core.earth import displaced
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss.returning_fixes import leaps
+from tests.helpers.filter_logs import run
+from tests.helpers.unseen_drives import (
+    LEVER,
+    T0,
+    drive,
+    moved,
+    record,
+    sensor_errors,
+    without_fixes,
+    write,
+)
+from tests.pipelines.process.ins_gnss.test_false_fixes import worst
+
+SIGMA = 0.5
+CHIP = sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 100.0)
+
+
+def fixes(rate, turn_s, noise, seed, outage=(20.0, 40.0)):
+    """Fixes on a circle at 15 m/s, with an outage; rows of the first two after it."""
+    random = np.random.default_rng(seed)
+    seconds = np.arange(0.0, 80.0, 1.0 / rate)
+    seconds = seconds[(seconds < outage[0]) | (seconds >= outage[1])]
+    angle = 2.0 * np.pi * seconds / turn_s
+    radius = 15.0 * turn_s / (2.0 * np.pi)
+    off = radius * np.stack([np.sin(angle), 1.0 - np.cos(angle), 0.0 * angle], axis=1)
+    off += noise * random.standard_normal(off.shape)
+    n = len(seconds)
+    latitude, longitude = displaced(0.8, 0.1, 0.0, off[:, 0], off[:, 1])
+    time_ns = np.round(seconds * 1e9).astype(np.int64)
+    gnss = GnssEpochs(
+        time_ns,
+        time_ns,
+        latitude,
+        longitude,
+        -off[:, 2],
+        np.full((n, 3), np.nan),
+        np.full((n, 3), noise),
+        np.full((n, 3), np.nan),
+    )
+    first = int(np.searchsorted(seconds, outage[1]))
+    return gnss, (first, first + 1)
+
+
+def shifted(gnss, row, metres):
+    latitude, longitude = gnss.latitude.copy(), gnss.longitude.copy()
+    latitude[row], longitude[row] = displaced(latitude[row], longitude[row], 0.0, *metres)
+    return replace(gnss, latitude=latitude, longitude=longitude)
+
+
+@given(st.sampled_from([1.0, 2.0, 5.0, 10.0]), st.floats(8.0, 200.0), st.integers(0, 2**32))
+def test_a_vehicle_that_turns_does_not_leap(rate, turn_s, seed):
+    gnss, _ = fixes(rate, turn_s, SIGMA, seed)
+    assert not leaps(gnss).any()
+
+
+@pytest.mark.parametrize("bad", [(0,), (1,), (0, 1)])
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_bad_fixes_that_come_first_are_as_far_off_as_they_are(rate, bad, seed):
+    gnss, first = fixes(rate, 60.0, SIGMA, seed)
+    random = np.random.default_rng([seed, 1])
+    for k in bad:
+        way = random.standard_normal(2)
+        gnss = shifted(gnss, first[k], 150.0 * way / np.linalg.norm(way))
+    off = leaps(gnss)
+    assert np.flatnonzero(off).tolist() == [first[k] for k in bad]
+    assert np.allclose(off[off > 0.0], 150.0, atol=15.0)
+
+
+def test_the_first_fix_of_a_log_comes_after_an_outage():
+    gnss, _ = fixes(5.0, 60.0, SIGMA, 1)
+    assert np.flatnonzero(leaps(shifted(gnss, 0, (0.0, 80.0)))).tolist() == [0]
+
+
+def test_where_the_next_ones_do_not_agree_nothing_is_said():
+    gnss, (first, _) = fixes(5.0, 60.0, SIGMA, 1)
+    for k in range(5):
+        gnss = shifted(gnss, first + k, (100.0 * (-1.0) ** k, 50.0 * k))
+    assert not leaps(gnss).any()
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_a_bad_fix_after_an_outage_does_not_throw_the_filter_off(tmp_path, seed):
+    """A phone's chip is 100 m uncertain after a minute without fixes: it took one that was 154 m
+    off, and turned down all that followed (7 deg at 17 sigmas, status 0)."""
+    truth = drive(seed, 200.0, rest=20.0)
+    data = record(truth, CHIP, seed, gnss_rate=5.0, sigma=SIGMA)
+    data = without_fixes(data, [(90.0, 150.0)])
+    log = data.fixes
+    row = int(np.searchsorted(log.seconds, 150.0))
+    off = np.zeros((len(log.seconds), 3))
+    off[row] = 80.0, -60.0, 50.0
+    latitude, longitude, height = moved(log.latitude, log.longitude, log.height, off)
+    spoilt = replace(log, latitude=latitude, longitude=longitude, height=height)
+    path = write(tmp_path / "log.mcap", replace(data, fixes=spoilt))
+    arm = {"lever_arm": tuple(LEVER.tolist())}
+    chosen, solution = run(path, gnss=arm, input={"gyro_kind": "mean-rate"})
+    assert chosen["filter"]["restarts"] == 0
+    after = solution.rows((solution.time_ns - T0) * 1e-9 > 151.0)
+    most, _ = worst(data, after)
+    assert most < 4.5
+    told = [f["text"] for f in chosen["findings"] if "after an outage" in f["text"]]
+    assert len(told) == 1 and re.search(r"11\d m", told[0])
