@@ -7,9 +7,11 @@ severity decides how a command ends.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from enum import IntEnum
 from typing import Any
+
+from sinstool.core.record import dataclass
 
 
 class Severity(IntEnum):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from sinstool.core.record import dataclass
 from sinstool.io.readers.lost import LogLosses
 from sinstool.survey.source import Source
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.record import dataclass
 
 Style = Literal["line", "dashed", "points", "halo", "bars"]
 

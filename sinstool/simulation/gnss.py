@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
+from sinstool.core.record import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.simulation.moments import Moments, moments
 from sinstool.simulation.sensors import markov

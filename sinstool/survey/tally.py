@@ -6,11 +6,12 @@ blocks end.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from sinstool.core.parts import kernel
+from sinstool.core.record import dataclass
 from sinstool.core.streams import Imu
 from sinstool.methods.alignment.still import WINDOW_NS, WindowStage
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 from sinstool.core.finding import Finding, Severity
+from sinstool.core.record import dataclass
 
 # A log damaged in more places than this is not described place by place.
 MAX_PARTS = 1000

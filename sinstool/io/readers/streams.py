@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from itertools import count, islice, takewhile
 from types import MappingProxyType
@@ -12,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from sinstool.core.errors import UnsupportedLogError
+from sinstool.core.record import dataclass
 from sinstool.core.streams import (
     Baro,
     BaroHeight,

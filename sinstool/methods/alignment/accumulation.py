@@ -17,13 +17,14 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import cross, dcm, product, row, to_unit
+from sinstool.core.record import dataclass
 from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
 

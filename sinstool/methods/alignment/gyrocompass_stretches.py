@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from sinstool.core import earth, rotation
+from sinstool.core.record import dataclass
 from sinstool.methods.alignment.inflight_types import FloatArray, ImuIncrements
 from sinstool.methods.alignment.still import WINDOW_NS, WindowStage, still_spans
 from sinstool.methods.strapdown.attitude import AttitudePropagator

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.record import dataclass
 from sinstool.methods.hse.axial import AxialFit
 from sinstool.methods.hse.run import HseRun
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.record import dataclass
 
 
 @dataclass(frozen=True)

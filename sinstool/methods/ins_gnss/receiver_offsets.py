@@ -25,11 +25,12 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.record import dataclass
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.latency import Latency, LatencyStatus
 from sinstool.methods.ins_gnss.offset_scores import OffsetScores, offset_scores

@@ -17,10 +17,9 @@ from sinstool.methods.ins_gnss.settings import (
     Settings,
 )
 from sinstool.methods.ins_gnss.states import ACCEL_SCALE, filter_kind
-from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade, SensorGrade
+from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade, SensorGrade, next_worse
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
-from sinstool.pipelines.process.ins_gnss.imu_fit import next_worse
 from sinstool.survey.grade import ImuGrade, random_walk, random_walks
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
