@@ -188,7 +188,10 @@ def _first_latency(
             if exc.uncertain and exc.consistent:
                 break  # which another latency makes no better
     assert refused is not None
-    raise refused
+    try:
+        raise refused
+    finally:
+        del refused  # which holds this frame, with all that was tried, and would be held by it
 
 
 def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:
