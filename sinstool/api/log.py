@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -12,7 +12,6 @@ import numpy as np
 
 from sinstool.api.options import PathLike, configured, path_of
 from sinstool.core.errors import DataError, LogError, TopicError
-from sinstool.core.record import dataclass
 from sinstool.core.streams import (
     Baro,
     BaroHeight,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,6 @@ from sinstool.api.log import Log, frozen, log_path
 from sinstool.api.options import PathLike, configured, path_of
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.finding import Finding
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Solution, concatenate
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ from __future__ import annotations
 import glob
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 
 from sinstool.core.errors import ConfigurationError, NotALogError, OutputError
-from sinstool.core.record import dataclass
 from sinstool.io.readers.formats import METADATA, kind_of
 
 OUTPUT_SUFFIX = ".mcap"

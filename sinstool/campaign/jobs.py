@@ -9,14 +9,13 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from sinstool.core import version
 from sinstool.core.choices import record_choices
 from sinstool.core.errors import ConfigurationError, SinstoolError
-from sinstool.core.record import dataclass
 from sinstool.core.result import Result
 from sinstool.core.temporary import sweep
 from sinstool.core.threads import single_threaded

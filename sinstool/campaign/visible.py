@@ -13,9 +13,9 @@ import os
 import secrets
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
-from sinstool.core.record import dataclass
 from sinstool.core.temporary import new_file, remove_file, unlocked_name
 from sinstool.io.readers.log import path_size
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -14,7 +15,6 @@ from sinstool.cli.console import F, print_json, verbose_option, warn
 from sinstool.cli.help import Option
 from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.record import dataclass
 from sinstool.report.text.table import table
 
 if TYPE_CHECKING:

@@ -7,11 +7,9 @@ severity decides how a command ends.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
-
-from sinstool.core.record import dataclass
 
 
 class Severity(IntEnum):

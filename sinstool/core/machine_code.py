@@ -14,6 +14,7 @@ import struct
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from threading import Lock
@@ -23,7 +24,6 @@ import numpy as np
 
 from sinstool.core.compiled_files import CompiledFiles, base_name, folder_of, warn_uncached
 from sinstool.core.compiled_sources import stamp
-from sinstool.core.record import dataclass
 
 # What LLVM makes calls of, and every C library has
 _OF_C = {

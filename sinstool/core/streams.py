@@ -8,12 +8,12 @@ header stamp unless that is unusable); ``log_time_ns`` is when the recorder rece
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike
-from sinstool.core.record import dataclass
 
 if TYPE_CHECKING:
     import pandas

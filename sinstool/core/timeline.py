@@ -8,7 +8,7 @@ cuts the ordered samples wherever more time passed than can be integrated across
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Generic, TypeVar
@@ -16,7 +16,6 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from sinstool.core.memory import give_back
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Imu, Stream, concatenate
 
 SECOND = 1_000_000_000

@@ -10,13 +10,12 @@ import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import ContextVar
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from sinstool.core.errors import ConfigurationError, OutputError
-from sinstool.core.record import dataclass
 from sinstool.core.temporary import forget, new_file, remove_file, sweep
 
 # Suffixes of what `sinstool export` writes

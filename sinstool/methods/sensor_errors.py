@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import exp, hypot, log
 from typing import Literal, get_args
 
@@ -11,7 +11,6 @@ import numpy as np
 from sinstool.core import units
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.record import dataclass
 
 Triple = tuple[float, float, float]
 Grade = Literal["consumer", "mems", "industrial", "tactical", "navigation"]

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.record import dataclass
 
 # Latencies that are tried, s, and over how much the slope of a reading is taken
 EARLIEST_S, LATEST_S, STEP_S, SLOPE_S = -0.3, 1.0, 0.01, 0.05

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from sinstool.core.record import dataclass
+from dataclasses import dataclass
+
 from sinstool.io.readers.lost import LogLosses
 from sinstool.survey.source import Source
 

@@ -8,7 +8,7 @@ is not made again.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +20,6 @@ from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.finding import Finding
 from sinstool.core.memory import give_back
 from sinstool.core.options import span
-from sinstool.core.record import dataclass
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G, STANDARD_GRAVITY
 from sinstool.methods.alignment.initial import Alignment

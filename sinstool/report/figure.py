@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.record import dataclass
 
 Style = Literal["line", "dashed", "points", "halo", "bars"]
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import TypeVar
 
-from sinstool.core.record import dataclass
 from sinstool.report.figure import Figure
 
 T = TypeVar("T")

@@ -8,12 +8,12 @@ random slip s.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core import rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.simulation.gnss import Triple
 from sinstool.simulation.moments import moments
 from sinstool.simulation.travel import Levels

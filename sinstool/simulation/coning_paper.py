@@ -24,14 +24,13 @@ References
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core import rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.methods.coning.gyro_response import GyroResponse, chebyshev, gyro_response
 from sinstool.simulation.coning import classical_coning
 from sinstool.simulation.truth import ImuTruth, check_times

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.simulation.moments import Moments, moments
 from sinstool.simulation.sensors import markov

@@ -16,13 +16,13 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core import rotation
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import earth_rate_n, gravity_n
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import skew
 from sinstool.simulation.sensors import carry_over
 from sinstool.simulation.turntable import TableProfile

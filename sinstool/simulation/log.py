@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from sinstool.core import earth, version
 from sinstool.core.choices import log_choice
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import conjugate, rotate
 from sinstool.core.whole_file import WholeFile
 from sinstool.io.messages.definitions import schema_text, type_hash

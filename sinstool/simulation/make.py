@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,6 @@ import tomli_w
 
 from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.core.options import span
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import from_euler
 from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import check_mcap_name, check_output, commit_together, write_whole

@@ -9,11 +9,12 @@ quintic leaves (wT)^6/46080 of its amplitude and the cubic (wT)^4/384: at 200 Hz
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core import earth, rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.simulation.truth import Trajectory
 
 

@@ -19,13 +19,13 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import lgamma, log
 
 import numpy as np
 
 from sinstool.core import rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.simulation.truth import STANDARD_GRAVITY_N, ImuTruth, check_times
 
 _QUADRATURE_ERROR = 1e-14

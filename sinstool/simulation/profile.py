@@ -7,10 +7,11 @@ that :mod:`sinstool.core.earth` uses.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core import earth, rotation
-from sinstool.core.record import dataclass
 from sinstool.simulation.truth import FloatArray, ImuTruth, Trajectory
 
 # Longest step of the quadrature: four nodes leave 6e-9 of a vibration at 43 Hz, 5e-14 at 10 Hz.

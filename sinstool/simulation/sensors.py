@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.parts import njit
-from sinstool.core.record import dataclass
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.truth import ImuTruth, check_times

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from sinstool.core import earth, rotation
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.core.units import STANDARD_GRAVITY
 
 STANDARD_GRAVITY_N = (0.0, 0.0, STANDARD_GRAVITY)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.simulation.car import Car, axle_motion
 from sinstool.simulation.log import Columns, SimulatedTopic
 from sinstool.simulation.truth import Trajectory

@@ -7,7 +7,7 @@ units that cannot be right are refused with the option that answers them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -15,7 +15,6 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.core.errors import DataError, SinstoolError, TopicError
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs, Stream
 from sinstool.core.timeline import sorted_stream
 from sinstool.io.readers.log import Channel, Log

@@ -7,6 +7,7 @@ A vehicle that follows its nose turns as its course does. A car hardly tilts, so
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from sinstool.config import InputOptions
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND

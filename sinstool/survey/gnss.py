@@ -7,7 +7,7 @@ that answers them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -18,7 +18,6 @@ from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.order_statistics import median
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import SECOND

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,6 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import EARTH_RATE
-from sinstool.core.record import dataclass
 from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import (
     IMU_GRADES,

@@ -8,13 +8,13 @@ depend on where blocks end. Both `sinstool info` and `sinstool process` begin he
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from itertools import chain
 from typing import Protocol
 
 import numpy as np
 
 from sinstool.core.errors import DataError
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import (
     FIRST_HORIZON,

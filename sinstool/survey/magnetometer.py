@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import takewhile
 
 import numpy as np
 
 from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.finding import Finding
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Magnetometer
 from sinstool.core.timeline import SECOND, sorted_stream
 from sinstool.io.readers.log import Channel, Log

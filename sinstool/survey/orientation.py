@@ -7,10 +7,10 @@ seconds gravity and the gyro tell, whether the vehicle moves or not.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import conjugate, log, multiply, rotate
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.alignment.still import WINDOW_NS, Windows

@@ -8,7 +8,7 @@ encoder alone.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,6 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.core.errors import AlignmentError, DataError, TopicError
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Encoder, Imu
 from sinstool.core.timeline import SortedStream, sorted_stream
 from sinstool.core.units import DEGREE

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,6 @@ from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.memory import give_back
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import GAP_INTERVALS, SECOND, mean_rates
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core import rotation
 from sinstool.core.order_statistics import median
-from sinstool.core.record import dataclass
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.alignment.still import WINDOW_NS, Windows
 

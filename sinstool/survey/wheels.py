@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -18,7 +18,6 @@ from sinstool.config import InputOptions
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import UnsupportedLogError
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, Readings
 from sinstool.core.timeline import SECOND, sorted_stream

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from sinstool.core.parts import kernel, part
-from sinstool.core.record import dataclass
 from sinstool.io.messages.definitions import Definition
 from sinstool.io.messages.layout import NUMPY, Layout, LayoutError, Leaf, walk
 

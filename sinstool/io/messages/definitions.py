@@ -9,11 +9,10 @@ from __future__ import annotations
 import json
 import pkgutil
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
 from typing import Any
-
-from sinstool.core.record import dataclass
 
 # rosbags is imported where it is asked, as with its parsers that takes longer than to read a small
 # log: what the usual types look like lies beside this module.

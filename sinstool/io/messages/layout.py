@@ -9,11 +9,10 @@ which every guard holds has the same layout, whatever its total length says (two
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from sinstool.core.record import dataclass
 from sinstool.io.messages.definitions import Definition, FieldType
 
 CDR_HEADER = 4

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -17,7 +17,6 @@ from sinstool.core.errors import (
     UnsupportedLogError,
     one_line,
 )
-from sinstool.core.record import dataclass
 from sinstool.io.messages.definitions import (
     Definition,
     DefinitionError,

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.record import dataclass
 
 # A log damaged in more places than this is not described place by place.
 MAX_PARTS = 1000

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Generator, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from mcap.opcode import Opcode
 
-from sinstool.core.record import dataclass
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.compression import compression_of, packed_at, too_large
 from sinstool.io.readers.file import FileLog

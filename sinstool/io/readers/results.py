@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
 
 from sinstool.core.errors import DataError, TopicError, UnsupportedLogError
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import from_euler, rotate, to_dcm
 from sinstool.core.streams import Solution
 from sinstool.io.messages.decode import Decoder

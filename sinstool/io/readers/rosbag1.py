@@ -10,13 +10,12 @@ from __future__ import annotations
 import struct
 from collections.abc import Generator, Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from sinstool.core.errors import NotALogError, UnsupportedLogError
-from sinstool.core.record import dataclass
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.compression import packed_at, too_large
 from sinstool.io.readers.file import FileLog, read_ahead

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import count, islice, takewhile
 from types import MappingProxyType
@@ -11,7 +12,6 @@ from typing import TypeVar
 import numpy as np
 
 from sinstool.core.errors import UnsupportedLogError
-from sinstool.core.record import dataclass
 from sinstool.core.streams import (
     Baro,
     BaroHeight,

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import TopicError, UnsupportedLogError
-from sinstool.core.record import dataclass
 from sinstool.core.suggest import nearest
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import IMU_TYPE

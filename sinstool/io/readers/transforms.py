@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import UnsupportedLogError
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import multiply, normalise
 from sinstool.io.messages.layout import Layout
 from sinstool.io.readers.log import Channel, Log

@@ -7,13 +7,13 @@ East-North-Up, as REP-103 has it. Stamps count from the start of the autopilot, 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.errors import DamagedLogError, UnsupportedLogError
-from sinstool.core.record import dataclass
 from sinstool.io.messages.definitions import schema_text
 from sinstool.io.messages.encode import Encoder
 from sinstool.io.readers.batch import RawBatch

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import MetadataIndex
 
 from sinstool.core.finding import Finding
-from sinstool.core.record import dataclass
 from sinstool.io.messages.definitions import DefinitionError, normalise_type_name, schema_text
 from sinstool.io.readers.attachments import CHECKED, RecordError, index_of
 from sinstool.io.readers.batch import RawBatch

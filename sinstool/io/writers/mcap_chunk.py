@@ -6,6 +6,7 @@ import struct
 import threading
 import zlib
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import lz4.frame
@@ -14,7 +15,6 @@ import zstandard
 from mcap.opcode import Opcode
 
 from sinstool.core.parts import kernel, part
-from sinstool.core.record import dataclass
 from sinstool.io.readers.batch import RawBatch
 
 CHUNK_SIZE = 2**20

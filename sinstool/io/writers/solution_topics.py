@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.congruence import turned_back
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import conjugate, multiply, rotate, to_euler
 from sinstool.core.streams import Diagnostics, Solution
 from sinstool.io.readers.frames import enu_to_ned, enu_to_ned_covariance, q_for_log, turn_body

@@ -17,14 +17,13 @@ References
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import cross, dcm, product, row, to_unit
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
 

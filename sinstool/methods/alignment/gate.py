@@ -7,11 +7,12 @@ changes are small, and the stop until they have been small for a while.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.order_statistics import median
-from sinstool.core.record import dataclass
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.inflight_types import GateLimits, ImuIncrements
 

@@ -20,12 +20,13 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core import earth, rotation
 from sinstool.core.chi_square import upper_point
 from sinstool.core.errors import AlignmentError
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import skew
 from sinstool.methods.alignment.gyrocompass_stretches import Record, Stretch, cut
 from sinstool.methods.alignment.inflight_types import (

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core import earth, rotation
-from sinstool.core.record import dataclass
 from sinstool.methods.alignment.inflight_types import FloatArray, ImuIncrements
 from sinstool.methods.alignment.still import WINDOW_NS, WindowStage, still_spans
 from sinstool.methods.strapdown.attitude import AttitudePropagator

@@ -14,12 +14,12 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import exp, to_dcm
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.refine import THETA, Refined, S

@@ -8,14 +8,13 @@ the INS/GNSS filter all begin here.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
-from sinstool.core.record import dataclass
 from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flight

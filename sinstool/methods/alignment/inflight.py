@@ -26,14 +26,13 @@ References
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import from_dcm, to_dcm
 from sinstool.methods.alignment import refine as refinement
 from sinstool.methods.alignment.covariance import axis_sigma, geometry, worst_sigma

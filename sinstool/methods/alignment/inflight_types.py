@@ -5,14 +5,13 @@ Sigmas of sensors and fixes are those of one axis; all three axes are taken alik
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
-from sinstool.core.record import dataclass
 from sinstool.core.streams import take_rows
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade, without
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sinstool.core.errors import AlignmentError
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import conjugate, exp, from_euler, multiply, rotate
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.still import StillSpan, Windows

@@ -7,13 +7,14 @@ first fix, ``diff`` and ``diffc`` differentiate velocity. ``cen`` takes out the 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.order_statistics import median
 from sinstool.core.parts import kernel
 from sinstool.core.quaternion_kernels import cross, put
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
 from sinstool.methods.alignment.accumulation import InertialRows

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
-from sinstool.core.record import dataclass
 from sinstool.core.running_median import running_median
 from sinstool.core.timeline import GAP_INTERVALS
 from sinstool.methods.alignment.gate import dynamics, saturated

@@ -13,11 +13,12 @@ own wrong covariance never returns.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.parts import kernel
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import exp, to_dcm
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.pairs import cross_columns

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.order_statistics import median
-from sinstool.core.record import dataclass
 from sinstool.core.streams import take_rows
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment import gate, preparation

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import exp, from_dcm, to_dcm
 from sinstool.core.streams import take_rows
 from sinstool.methods.alignment import pairs as pairing

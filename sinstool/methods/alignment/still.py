@@ -6,12 +6,12 @@ mean; the means only have to stay what they were.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import comb, dist, sqrt
 
 import numpy as np
 
 from sinstool.core.parts import kernel
-from sinstool.core.record import dataclass
 from sinstool.core.units import DEGREE
 
 WINDOW_NS = 500_000_000

@@ -17,13 +17,12 @@ ramp            R = r / dt             rad/s^2, m/s^3
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 from typing import Literal
 
 import numpy as np
 
-from sinstool.core.record import dataclass
 from sinstool.methods.allan.fit import NAMES, NoiseFit
 from sinstool.methods.sensor_errors import SensorGrade
 

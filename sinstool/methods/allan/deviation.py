@@ -8,11 +8,12 @@ segments only; the sums of their squares over all segments are pooled.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.parts import njit
-from sinstool.core.record import dataclass
 
 PER_OCTAVE = 3
 # So many phases of an axis are kept; of longer logs every second, fourth, ... one, which serves

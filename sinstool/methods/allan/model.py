@@ -21,12 +21,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import log, pi, sqrt
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.record import dataclass
 
 TERMS = ("quantisation", "white", "flicker", "random_walk")
 FLICKER = 2.0 * log(2.0) / pi

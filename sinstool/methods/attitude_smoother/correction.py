@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import kernel
 from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import conjugate, exp, log, multiply
 from sinstool.core.streams import Solution
 from sinstool.methods.attitude_smoother.epochs import COUNT, DURATION, GYRO, JB, W2, Epochs

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import numpy as np
 
-from sinstool.core.record import dataclass
 from sinstool.core.timeline import SECOND
 
 # m: the model is of the air and of near space, not of the mantle.

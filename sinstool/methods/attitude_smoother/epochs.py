@@ -6,7 +6,7 @@ a bias of the gyros would do to the attitude meanwhile, are all that the filter 
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.memory import joined
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import dcm, to_unit
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
 from sinstool.methods.attitude_smoother.model import EPOCH_S

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import normalise, to_dcm
 from sinstool.core.streams import Magnetometer, Solution
 from sinstool.core.timeline import SECOND

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.record import dataclass
 
 ROUNDS = 12
 # What is expected of an offset before any turn, as a share of the field's size.

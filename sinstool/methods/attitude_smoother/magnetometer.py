@@ -7,13 +7,12 @@ with it, and is taken off where the body turned enough to show it.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import rotate, to_dcm, wrapped
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE

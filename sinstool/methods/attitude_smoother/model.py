@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 from typing import Literal
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import EARTH_RATE
-from sinstool.core.record import dataclass
 from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade, uncalibrated
 
 MotionName = Literal["hand", "vehicle"]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from math import exp, log, sqrt
 
 import numpy as np
 
-from sinstool.core.record import dataclass
 from sinstool.core.threads import executor
 from sinstool.methods.attitude_smoother.epochs import Epochs, merged
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED

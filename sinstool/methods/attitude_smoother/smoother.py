@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import sqrt
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.order_statistics import median
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_dcm
 from sinstool.methods.attitude_smoother import kernels, state
 from sinstool.methods.attitude_smoother.correction import Correction

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,6 @@ from scipy.interpolate import PchipInterpolator
 
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.record import dataclass
 from sinstool.core.small_file import read_text
 
 _FORMS = "none, cheb:ORDER,RIPPLE_DB,HZ, butter:ORDER,HZ or a file with lines of HZ,GAIN"

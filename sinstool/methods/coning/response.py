@@ -29,6 +29,7 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import pi, sin
 from typing import Literal
 
@@ -36,7 +37,6 @@ import numpy as np
 from scipy import signal
 
 from sinstool.core.arrays import ArrayLike, FloatArray
-from sinstool.core.record import dataclass
 from sinstool.methods.coning.algorithm import ConingAlgorithm, GyroKind
 from sinstool.methods.coning.increments import DEFAULT_POINTS, RateIntegrator, convert
 

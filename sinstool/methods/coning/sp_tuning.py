@@ -32,13 +32,13 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from scipy import signal
 
 from sinstool.core.arrays import ArrayLike, FloatArray
-from sinstool.core.record import dataclass
 from sinstool.methods.coning.algorithm import GyroKind
 from sinstool.methods.coning.response import ConingSpectrum, coning_spectrum
 

@@ -7,10 +7,11 @@ depend, to the last bit, on how the segment was cut into blocks.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.methods.coning import increments
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 

@@ -10,10 +10,11 @@ in another file: after editing, delete ``__pycache__`` of this folder.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.record import dataclass
 from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.sensor_errors import Grade
 

@@ -27,13 +27,13 @@ References
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core.earth import normal_gravity
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.parts import part
-from sinstool.core.record import dataclass
 from sinstool.methods.sensor_errors import Grade
 
 RECOMMENDED_TAU: dict[str, float] = {

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, IntArray
 from sinstool.core.order_statistics import median
-from sinstool.core.record import dataclass
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
 
 PRESSURE_RANGE = (1e4, 1.2e5)

@@ -8,14 +8,13 @@ the log climbs enough under GNSS, the scale that a warmer or colder day gives it
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.order_statistics import median, quantile
-from sinstool.core.record import dataclass
 from sinstool.methods.height.layout import ACCEPTED
 from sinstool.methods.height.pressure import pressure_reason
 from sinstool.methods.height.standard_atmosphere import (

@@ -7,12 +7,13 @@ and centripetal terms are left to the correction A: 0.04 m/s^2 at 250 m/s.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.earth import normal_gravity
 from sinstool.core.parts import njit
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import rotate
 from sinstool.methods.height import layout
 from sinstool.methods.height.channel import (

@@ -10,11 +10,11 @@ turn into heading also turn into rate, where they are far easier to see.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core.earth import EARTH_RATE
-from sinstool.core.record import dataclass
 from sinstool.methods.hse.least_squares import least_squares
 from sinstool.methods.hse.run import HseRun
 

@@ -7,13 +7,13 @@ of it: the coefficient lumps together every error along the axis and holds for n
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.record import dataclass
 from sinstool.core.result import fields_in
 from sinstool.methods.hse.fit_result import HseFit
 from sinstool.methods.hse.status import APPLICABLE, MAX_LATITUDE, Judgement

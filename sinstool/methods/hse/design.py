@@ -6,14 +6,13 @@ the fits in :mod:`sinstool.methods.hse.fit` and :mod:`sinstool.methods.hse.axial
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.record import dataclass
 from sinstool.core.units import ARCSEC
 from sinstool.methods.hse.fit import MIN_RATE_SPAN
 from sinstool.methods.hse.model import DISTINCT_LEAN, MIN_C23

@@ -12,6 +12,7 @@ constant rate and keeps the angle monotone.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +20,6 @@ import numpy as np
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.parts import njit
-from sinstool.core.record import dataclass
 from sinstool.methods.hse.rig import EncoderModel
 
 SMOOTHING_S = 0.25

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.record import dataclass
 from sinstool.methods.hse.axial import AxialFit
 from sinstool.methods.hse.run import HseRun
 

@@ -6,11 +6,12 @@ Seber and Lee, "Linear Regression Analysis", 2nd ed., 2003, chapters 3, 4 and 10
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import special
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.record import dataclass
 
 # Below this ratio of singular values of the normalised columns two columns are one.
 RANK_TOLERANCE = 1e-9

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.earth import EARTH_RATE
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.methods.hse.least_squares import LeastSquares, least_squares, outlier_limit
 from sinstool.methods.hse.run import HseRun, positions, rate_groups

@@ -18,14 +18,13 @@ import json
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.record import dataclass
 from sinstool.core.units import ARCSEC
 
 GYRO_FRAMES = ("g", "s")

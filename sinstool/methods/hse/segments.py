@@ -18,14 +18,13 @@ turn ends inside a sample, which is then shared out by the angle.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.parts import njit
-from sinstool.core.record import dataclass
 from sinstool.methods.hse.encoder import TableAngle
 
 BLOCK_S = 0.25

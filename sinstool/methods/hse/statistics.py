@@ -6,12 +6,12 @@ All in the unit of the values given; azimuths in rad.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import special
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.methods.hse.least_squares import least_squares
 from sinstool.methods.hse.run import by_angle

@@ -12,13 +12,14 @@ The same error is seen directly: gyros and encoder disagree about the rate along
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core import rotation
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.earth import EARTH_RATE, earth_rate_n, normal_gravity
 from sinstool.core.errors import AlignmentError, ConfigurationError
-from sinstool.core.record import dataclass
 from sinstool.core.result import fields_in
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.run import HseRun

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
-from sinstool.core.record import dataclass
 from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss import layout, states
 

@@ -29,7 +29,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import permutations, product
 
 import numpy as np
@@ -38,7 +38,6 @@ from sinstool.core import earth
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.chi_square import MEDIAN_SQUARE
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import from_dcm, log, multiply, normalise, rotate, to_dcm
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.fix_velocity import velocity_lag

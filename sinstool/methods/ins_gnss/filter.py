@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.record import dataclass
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.height import layout as height_layout
 from sinstool.methods.ins_gnss import layout, parameters, results

@@ -15,10 +15,11 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.core.running_median import running_median
 
 # Epochs about each that show how much the navigation drifts and the fixes scatter there.

@@ -17,6 +17,7 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -24,7 +25,6 @@ import numpy as np
 from sinstool.core import earth
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.bounded_minimum import bounded_minimum
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import rotate
 
 LatencyStatus = Literal["found", "at the limit", "not observable"]

@@ -25,12 +25,11 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
-from sinstool.core.record import dataclass
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.latency import Latency, LatencyStatus
 from sinstool.methods.ins_gnss.offset_scores import OffsetScores, offset_scores

@@ -6,8 +6,9 @@ happened at the GNSS epochs, and, where asked for, what a smoother needs.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.record import dataclass
 
 EVENT_NAMES = (
     "gated",

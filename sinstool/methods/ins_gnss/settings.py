@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from math import inf
 from typing import Literal
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.record import dataclass
 from sinstool.core.units import ARCSEC
 from sinstool.methods.height.network import HeightNetwork, recommended
 from sinstool.methods.ins_gnss.states import GYRO_SCALE, FilterKind, FilterName, filter_kind

@@ -23,12 +23,12 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.methods.ins_gnss.results import StoredEpochs
 from sinstool.methods.ins_gnss.rts import Packed, pack, room, smooth_backward
 from sinstool.methods.ins_gnss.states import FilterKind

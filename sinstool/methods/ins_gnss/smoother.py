@@ -13,14 +13,13 @@ some mm/s where specific force changes by several m/s^2 with a tilt corrected by
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import displaced
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.methods.ins_gnss.between_rows import (
     ALONE,

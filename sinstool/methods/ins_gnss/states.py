@@ -50,7 +50,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -58,7 +58,6 @@ import numpy as np
 
 from sinstool.core.arrays import IntArray
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.record import dataclass
 
 POSITION = 0
 VELOCITY = 3

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.earth import horizontal_metres
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import rotate, wrapped
 from sinstool.core.streams import GnssEpochs, Solution, concatenate
 from sinstool.core.timeline import SECOND

@@ -7,11 +7,12 @@ thresholds, and where standing and moving look alike, as in a boat, nothing is a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.chi_square import MEDIAN_SQUARE
-from sinstool.core.record import dataclass
 from sinstool.methods.ins_gnss.constraints import REST_RATE, STEP_NS
 from sinstool.methods.land_vehicle.track import LONGEST_NS, Means, Track, between, within
 

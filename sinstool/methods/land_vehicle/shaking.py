@@ -7,10 +7,11 @@ then says is believed against a rest. Here rests are found by the fixes alone, b
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import BoolArray
-from sinstool.core.record import dataclass
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.constraints import Constraints
 from sinstool.methods.land_vehicle.rest import find_rests, noise_at_rest

@@ -11,11 +11,12 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.arrays import BoolArray, FloatArray
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import exp, to_dcm
 from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.constraints import (

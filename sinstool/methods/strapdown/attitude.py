@@ -8,6 +8,7 @@ References
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
@@ -15,7 +16,6 @@ import numpy as np
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import product, row, to_unit
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import normalise
 from sinstool.core.streams import Imu, Solution
 from sinstool.methods.coning.stage import RotationVectors

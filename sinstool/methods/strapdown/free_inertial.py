@@ -5,11 +5,12 @@ A mechanisation, and a vertical channel that a barometer or GNSS heights may dam
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.parts import njit
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Imu, Solution
 from sinstool.core.timeline import SECOND

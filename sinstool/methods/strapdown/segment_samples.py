@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Imu, Solution, concatenate
 from sinstool.core.timeline import SECOND, Piece, mean_rates, segments
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates

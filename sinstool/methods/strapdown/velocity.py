@@ -31,6 +31,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import sin, sqrt
 
 import numpy as np
@@ -38,7 +39,6 @@ import numpy as np
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import cross
-from sinstool.core.record import dataclass
 from sinstool.methods.coning.stage import ConingStage, RotationVectors
 
 # rad per m/s. Rounding of phi costs 1e-17/1e-4 m/s per update, terms of third order in the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,6 @@ from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.progress import Progress, share
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import conjugate, log, multiply, rotate, to_euler
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE

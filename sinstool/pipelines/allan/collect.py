@@ -7,6 +7,7 @@ averaging times need grows with the log, and they are bounded.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +15,6 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import njit
-from sinstool.core.record import dataclass
 from sinstool.core.timeline import SECOND
 from sinstool.methods.allan.deviation import (
     Variances,

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
 from typing import get_args
@@ -23,7 +23,6 @@ from typing import get_args
 from sinstool.config.export import NoiseFormat
 from sinstool.config.noise import SCHEMA, key_of
 from sinstool.core.errors import ConfigurationError, one_line
-from sinstool.core.record import dataclass
 from sinstool.core.suggest import nearest
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
 from sinstool.core.version import VERSION

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from sinstool.config.noise import KEYS, key_of
 from sinstool.core.finding import Finding
-from sinstool.core.record import dataclass
 from sinstool.core.result import Result, as_json
 from sinstool.methods.allan.coefficients import (
     SENSORS,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,6 @@ from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError
 from sinstool.core.progress import share
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND
 from sinstool.io.readers import open_log

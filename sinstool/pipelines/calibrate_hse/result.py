@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,6 @@ from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import OutputError
 from sinstool.core.finding import Finding, exit_status
-from sinstool.core.record import dataclass
 from sinstool.core.result import as_json
 from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import check_output, write_table, write_whole

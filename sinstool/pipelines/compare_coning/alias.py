@@ -7,12 +7,12 @@ tell from motion. The log at hand shows it up to half its own rate; above that i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage, signal
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.record import dataclass
 
 WELCH_S = 10.0
 LINE_DB = 10.0

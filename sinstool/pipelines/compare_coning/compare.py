@@ -12,14 +12,13 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.finding import Finding
-from sinstool.core.record import dataclass
 from sinstool.core.threads import executor
 from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm

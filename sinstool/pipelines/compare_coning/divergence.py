@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import atan2, sqrt
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import product, to_rotation_vector
-from sinstool.core.record import dataclass
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate
 
 IN_DEG_H = float(np.degrees(1.0)) * 3600.0  # of a rate in rad/s

@@ -9,9 +9,9 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
-from sinstool.core.record import dataclass
 from sinstool.methods.coning.gyro_response import GyroResponse, none
 from sinstool.pipelines.compare_coning import paper_claims_figures
 from sinstool.pipelines.compare_coning.paper_claims import (

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.record import dataclass
 from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 from sinstool.methods.coning.gyro_response import GyroResponse
 from sinstool.methods.coning.registry import algorithm

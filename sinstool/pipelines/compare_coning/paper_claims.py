@@ -8,11 +8,11 @@ is meant to a factor where the figure depends on that gyro, and closely where it
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core.arrays import BoolArray
-from sinstool.core.record import dataclass
 from sinstool.pipelines.compare_coning.paper_experiment import Experiment
 from sinstool.pipelines.compare_coning.paper_sweep import Sweep
 

@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.record import dataclass
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.coning.gyro_response import GyroResponse, butterworth, chebyshev, none
 from sinstool.methods.strapdown.attitude import AttitudePropagator

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from math import factorial
 from queue import Empty, SimpleQueue
 
@@ -18,7 +18,6 @@ import numpy as np
 from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import njit
 from sinstool.core.quaternion_kernels import product
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import log
 from sinstool.core.threads import executor
 from sinstool.methods.coning.gyro_response import GyroResponse

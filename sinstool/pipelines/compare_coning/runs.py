@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.record import dataclass
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm

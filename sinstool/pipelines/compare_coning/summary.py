@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.finding import Finding
-from sinstool.core.record import dataclass
 from sinstool.core.result import Result, fields_in
 from sinstool.methods.coning.increments import GyroKind
 from sinstool.methods.coning.registry import algorithm

@@ -8,10 +8,9 @@ uncertainty are stated.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from sinstool.config.coning import DEFAULT_CONING
-from sinstool.core.record import dataclass
 from sinstool.pipelines.compare_coning.divergence import IN_DEG_H, DriftStatistics, Row
 
 # The uncertainty of the reference is itself known to a factor of two at best.

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 from sinstool.core.finding import Finding
-from sinstool.core.record import dataclass
 from sinstool.core.result import Result
 from sinstool.io.readers.lost import LogLosses
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 from sinstool.core.finding import Finding, Severity, exit_status
-from sinstool.core.record import dataclass
 from sinstool.core.result import as_json
 from sinstool.io.readers.lost import LogLosses
 from sinstool.methods.alignment.still import STEADY_TURN

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,6 @@ import numpy as np
 from sinstool.config import InputOptions, ProcessConfig
 from sinstool.core.errors import DataError, SinstoolError, TopicError
 from sinstool.core.progress import share
-from sinstool.core.record import dataclass
 from sinstool.io.readers import open_log
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.log import Log

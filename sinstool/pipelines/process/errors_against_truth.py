@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import TopicError
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import conjugate, exp, log, multiply, tilt_and_heading, wrapped
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND, sorted_stream

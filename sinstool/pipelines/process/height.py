@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,7 +11,6 @@ from sinstool.config import ProcessConfig
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.order_statistics import median
-from sinstool.core.record import dataclass
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs
 from sinstool.methods.height.layout import ACCEPTED, REASONS, ChannelSummary, Event
 from sinstool.methods.height.network import (

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.record import dataclass
 from sinstool.pipelines.process.errors_against_truth import KINDS
 from sinstool.pipelines.process.summary import HseCorrection
 from sinstool.report.figure import Figure, FloatArray, Series, heading_curve

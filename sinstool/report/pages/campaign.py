@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
 from sinstool.core.errors import OutputError
-from sinstool.core.record import dataclass
 from sinstool.core.whole_file import write_table, write_whole
 from sinstool.report.markup import markup
 from sinstool.report.sections import Column, Fact, Link, Page, Prose, Section, Table

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from sinstool.core.parts import njit
-from sinstool.core.record import dataclass
 
 # Rows that are made at once: their text stays in the processor's cache
 ROWS = 4096

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import BinaryIO
 
-from sinstool.core.record import dataclass
 from sinstool.io.readers.results import ResultBlock
 
 

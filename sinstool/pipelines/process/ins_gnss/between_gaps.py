@@ -8,7 +8,7 @@ where there is most to find them by.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,6 @@ from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, DataError
-from sinstool.core.record import dataclass
 from sinstool.core.timeline import SECOND
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.height import layout as height_layout

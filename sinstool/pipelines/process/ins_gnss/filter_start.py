@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
-from sinstool.core.record import dataclass
 from sinstool.core.result import compass
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import GnssEpochs

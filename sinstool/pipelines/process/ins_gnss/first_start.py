@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
 from sinstool.core.options import span
-from sinstool.core.record import dataclass
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.height.reference import HeightReference

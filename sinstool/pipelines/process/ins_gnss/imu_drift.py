@@ -17,7 +17,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TypeVar, cast
@@ -28,7 +28,6 @@ from sinstool.config import ProcessConfig
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.chi_square import upper_point
 from sinstool.core.earth import horizontal_metres
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, take_rows
 from sinstool.core.timeline import SECOND

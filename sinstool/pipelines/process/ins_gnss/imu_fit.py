@@ -6,14 +6,13 @@ only where fixes are left out: see :mod:`~sinstool.pipelines.process.ins_gnss.im
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import FloatArray
 from sinstool.core.chi_square import upper_point
-from sinstool.core.record import dataclass
 from sinstool.core.streams import take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,6 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.core.errors import AlignmentError
-from sinstool.core.record import dataclass
 from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE

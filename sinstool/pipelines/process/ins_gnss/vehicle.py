@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.choices import log_choice
 from sinstool.core.finding import Finding
-from sinstool.core.record import dataclass
 from sinstool.core.rotation import from_dcm, from_euler, to_dcm, to_euler
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.record import dataclass
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.constraints import STEP_NS
 from sinstool.methods.land_vehicle.track import Means, Track
