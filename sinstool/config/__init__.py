@@ -56,20 +56,20 @@ class ProcessConfig(Group):
     One file can thus serve `calibrate-hse` and `process` of the same rig.
     """
 
-    input: InputOptions = InputOptions()
-    coning: ConingOptions = ConingOptions()
-    align: AlignOptions = AlignOptions()
-    gnss: GnssOptions = GnssOptions()
-    in_flight: InFlightOptions = InFlightOptions()
-    navigation: NavigationOptions = NavigationOptions()
-    vertical: HeightOptions = HeightOptions()
-    filter: FilterOptions = FilterOptions()
-    hse: HseOptions = HseOptions()
+    input: InputOptions = InputOptions.model_construct()
+    coning: ConingOptions = ConingOptions.model_construct()
+    align: AlignOptions = AlignOptions.model_construct()
+    gnss: GnssOptions = GnssOptions.model_construct()
+    in_flight: InFlightOptions = InFlightOptions.model_construct()
+    navigation: NavigationOptions = NavigationOptions.model_construct()
+    vertical: HeightOptions = HeightOptions.model_construct()
+    filter: FilterOptions = FilterOptions.model_construct()
+    hse: HseOptions = HseOptions.model_construct()
     rig: RigTable | None = None
-    calibration: CalibrationOptions = CalibrationOptions()
-    comparison: ComparisonOptions = ComparisonOptions()
-    output: OutputOptions = OutputOptions()
-    export: ExportOptions = ExportOptions()
+    calibration: CalibrationOptions = CalibrationOptions.model_construct()
+    comparison: ComparisonOptions = ComparisonOptions.model_construct()
+    output: OutputOptions = OutputOptions.model_construct()
+    export: ExportOptions = ExportOptions.model_construct()
 
     def check(self) -> None:
         """Whether the options fit each other."""

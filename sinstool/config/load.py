@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from sinstool.core.errors import ConfigurationError
@@ -133,6 +131,8 @@ def load_toml(path: Path) -> dict[str, Any]:
     ConfigurationError
         It cannot be read or is no TOML.
     """
+    import tomllib
+
     text = read_text(path)
     try:
         return tomllib.loads(text)
@@ -177,5 +177,7 @@ def dump_toml(config: Group, *without: str) -> str:
     *without : str
         Groups that do not concern the command.
     """
+    import tomli_w
+
     data = config.model_dump(mode="json", exclude_none=True, exclude=set(without))
     return tomli_w.dumps({k: v for k, v in data.items() if v not in ({}, None)})

@@ -42,7 +42,9 @@ class Group(BaseModel):
     """Heading of its options in help and documentation."""
 
     # strict: a word is no number and a number is no yes or no
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
+    )
 
     @model_validator(mode="before")
     @classmethod

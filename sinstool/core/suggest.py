@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
 
@@ -14,6 +13,8 @@ def nearest(word: str, candidates: Iterable[str]) -> str:
     str
         ``did you mean X?``; '' where nothing is near.
     """
+    import difflib
+
     words = list(candidates)
     near = difflib.get_close_matches(word, words, n=1)
     # Names of topics differ in their end, and /imu is near to no /sensors/imu/data by letters.

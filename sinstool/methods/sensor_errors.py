@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import exp, hypot, log
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -246,3 +246,10 @@ def grade_by_noise(angle_random_walk: float) -> Grade:
     if angle_random_walk <= _NAVIGATION_WALK:
         return "navigation"
     return "tactical" if angle_random_walk <= _TACTICAL_WALK else "mems"
+
+
+def next_worse(grade: Grade) -> Grade | None:
+    """The grade below one."""
+    order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
+    at = order.index(grade)
+    return order[at - 1] if at else None

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.parts import kernel
-from sinstool.core.quaternion_kernels import increment_quaternion, product, to_unit
-from sinstool.methods.ins_gnss.states import ATTITUDE, POSITION, VELOCITY
+from sinstool.core.quaternion_kernels import increment_quaternion, product, row, to_unit
+from sinstool.methods.ins_gnss.states import ATTITUDE, AXES_PAIRS, POSITION, VELOCITY
 
 # Where an update lies: between two rows, before the first, or where nothing is known beyond the
 # filter.
@@ -107,6 +107,41 @@ def covariances_between(
                 velocity[i, j, k] = c + s * (after[VELOCITY + j, VELOCITY + k] - c)
                 c = before[ATTITUDE + j, ATTITUDE + k]
                 attitude[i, j, k] = c + s * (after[ATTITUDE + j, ATTITUDE + k] - c)
+
+
+@kernel()
+def take_off(
+    error: FloatArray,
+    scale: int,
+    axes: int,
+    accel_bias: int,
+    gyro_bias: int,
+    velocity: FloatArray,
+    rate: FloatArray,
+    force: FloatArray,
+) -> None:
+    """Take errors off velocities and what the Imu feels, in place.
+
+    Parameters
+    ----------
+    error : ndarray, shape (n, states)
+    scale, axes, accel_bias, gyro_bias : int
+        First of the states of the accelerometers' scale, their axes and bias, and of the gyros'
+        bias; negative where there are none.
+    velocity, rate, force : ndarray, shape (n, 3)
+    """
+    for i in range(len(error)):
+        felt = row(force, i)
+        for k in range(3):
+            velocity[i, k] -= error[i, VELOCITY + k]
+            if scale >= 0:
+                force[i, k] *= 1.0 - error[i, scale + k]
+        if axes >= 0:
+            for k, (axis, other) in enumerate(AXES_PAIRS):
+                force[i, axis] -= error[i, axes + k] * felt[other]
+        for k in range(3):
+            force[i, k] -= error[i, accel_bias + k]
+            rate[i, k] -= error[i, gyro_bias + k]
 
 
 @kernel()

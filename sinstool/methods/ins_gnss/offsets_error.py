@@ -14,8 +14,7 @@ import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.parts import kernel, part
-from sinstool.core.quaternion_kernels import dcm
-from sinstool.core.rotation import rotate
+from sinstool.core.quaternion_kernels import dcm, row
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import STANDARD_GRAVITY
@@ -73,24 +72,28 @@ class OffsetsError:
         """The next solutions, in the order of time, with covariances that admit the error."""
         position, velocity = solution.covariance_position_n, solution.covariance_velocity_n
         attitude, v = solution.covariance_attitude_n, solution.velocity_n
-        if not len(solution) or attitude is None:
+        moved = bool(self._moment.any()) and v is not None
+        if not len(solution) or attitude is None or not (moved or self._other_time):
             return solution
+        attitude = attitude + self._attitude if moved else attitude.copy()
+        velocity = None if velocity is None else velocity.copy()
         if self._other_time:
-            rate = rotate(solution.q_nb, solution.omega_ib_b)
-            attitude = attitude + self._other_time * rate[:, :, None] * rate[:, None, :]
-            solution = replace(solution, covariance_attitude_n=attitude)
-            if velocity is not None:
-                change = rotate(solution.q_nb, solution.specific_force_b)
-                change[:, 2] += STANDARD_GRAVITY
-                velocity = velocity + self._other_time * change[:, :, None] * change[:, None, :]
-                solution = replace(solution, covariance_velocity_n=velocity)
-        if not self._moment.any() or v is None:
+            _add_other_time(
+                self._other_time,
+                solution.q_nb,
+                solution.omega_ib_b,
+                solution.specific_force_b,
+                attitude,
+                np.empty((0, 3, 3)) if velocity is None else velocity,
+            )
+        solution = replace(solution, covariance_attitude_n=attitude, covariance_velocity_n=velocity)
+        if not moved:
             return solution
-        assert position is not None and velocity is not None
+        assert position is not None and velocity is not None and v is not None
         kept = len(self._time_ns)
         time = np.concatenate([self._time_ns, solution.time_ns])
         shift = np.concatenate([self._shift, np.empty((len(solution), 3, 4))])
-        position, velocity = position.copy(), velocity.copy()
+        position = position.copy()
         _shifts(v, solution.q_nb, shift[kept:])
         change = np.empty((3, 4))
         _add(time, shift, kept, HELD_NS, self._moment, change, position, velocity)
@@ -98,12 +101,46 @@ class OffsetsError:
         self.largest_m = max(self.largest_m, float(self._latency_s * speed))
         latest = slice(max(int(np.searchsorted(time, time[-1] - HELD_NS)) - 1, 0), None)
         self._time_ns, self._shift = time[latest], shift[latest].copy()
-        return replace(
-            solution,
-            covariance_position_n=position,
-            covariance_velocity_n=velocity,
-            covariance_attitude_n=attitude + self._attitude,
-        )
+        return replace(solution, covariance_position_n=position)
+
+
+@kernel()
+def _add_other_time(
+    square: float,
+    q: FloatArray,
+    rate: FloatArray,
+    force: FloatArray,
+    attitude: FloatArray,
+    velocity: FloatArray,
+) -> None:
+    """Add to covariances, shape (n, 3, 3), what a mean square of time, s^2, is worth.
+
+    Parameters
+    ----------
+    q, rate, force : ndarray, shape (n, 4), (n, 3) and (n, 3)
+        Attitudes, and what the Imu feels.
+    velocity : ndarray
+        Without rows nothing is added to it.
+    """
+    for i in range(len(q)):
+        c = dcm(q[i, 0], q[i, 1], q[i, 2], q[i, 3])
+        _add_square(c, row(rate, i), 0.0, square, attitude[i])
+        if len(velocity) > 0:
+            _add_square(c, row(force, i), STANDARD_GRAVITY, square, velocity[i])
+
+
+@part()
+def _add_square(
+    c: tuple[float, ...], v: tuple[float, ...], down: float, factor: float, out: FloatArray
+) -> None:
+    """Add a factor times the square of a vector, turned, with something down added."""
+    x, y, z = v
+    north = c[0] * x + c[1] * y + c[2] * z
+    east = c[3] * x + c[4] * y + c[5] * z
+    turned = north, east, c[6] * x + c[7] * y + c[8] * z + down
+    for i, a in enumerate(turned):
+        for j, b in enumerate(turned):
+            out[i, j] += factor * a * b
 
 
 @kernel()

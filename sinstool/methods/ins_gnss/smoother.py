@@ -27,6 +27,7 @@ from sinstool.methods.ins_gnss.between_rows import (
     BETWEEN,
     covariances_between,
     errors_between,
+    take_off,
     turn,
 )
 from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
@@ -36,7 +37,6 @@ from sinstool.methods.ins_gnss.states import (
     ACCEL_AXES,
     ACCEL_BIAS,
     ACCEL_SCALE,
-    AXES_PAIRS,
     GYRO_BIAS,
     POSITION,
     VELOCITY,
@@ -136,17 +136,20 @@ def smooth_updates(
         error,
     )
     lat, lon, height = _moved(updates.latitude, updates.longitude, updates.height, error)
-    force = updates.specific_force_b
-    first = kind.first(ACCEL_SCALE)
-    if first >= 0:
-        force = force * (1.0 - error[:, first : first + 3])
-    first = kind.first(ACCEL_AXES)
-    if first >= 0:
-        for k, (axis, other) in enumerate(AXES_PAIRS):
-            force[:, axis] -= error[:, first + k] * updates.specific_force_b[:, other]
-    first = kind.first(ACCEL_BIAS)
-    force = force - error[:, first : first + 3]
-    first = kind.first(GYRO_BIAS)
+    velocity, rate, force = (
+        np.array(column)
+        for column in (updates.velocity_n, updates.omega_ib_b, updates.specific_force_b)
+    )
+    take_off(
+        error,
+        kind.first(ACCEL_SCALE),
+        kind.first(ACCEL_AXES),
+        kind.first(ACCEL_BIAS),
+        kind.first(GYRO_BIAS),
+        velocity,
+        rate,
+        force,
+    )
 
     # Of the large matrices in the file, only those of a few rows, and of these the corner.
     lowest = int(left.min())
@@ -161,9 +164,9 @@ def smooth_updates(
         latitude=lat,
         longitude=lon,
         height=height,
-        velocity_n=updates.velocity_n - error[:, VELOCITY : VELOCITY + 3],
+        velocity_n=velocity,
         q_nb=_turned(updates.q_nb, error),
-        omega_ib_b=updates.omega_ib_b - error[:, first : first + 3],
+        omega_ib_b=rate,
         specific_force_b=force,
         **dict(zip(COVARIANCES, covariances, strict=True)),
     )

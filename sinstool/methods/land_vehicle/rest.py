@@ -13,7 +13,6 @@ import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.chi_square import MEDIAN_SQUARE
-from sinstool.core.rotation import conjugate, from_dcm, log, multiply
 from sinstool.methods.ins_gnss.constraints import REST_RATE, STEP_NS
 from sinstool.methods.land_vehicle.track import LONGEST_NS, Means, Track, between, within
 
@@ -134,10 +133,12 @@ def find_rests(means: Means, track: Track) -> Rests:
 
 def _turning(track: Track) -> FloatArray:
     """By how much the attitude turns about each row, rad/s; what is slow and smooth is no bias."""
-    time_ns, q = track.time_ns, from_dcm(track.dcm_nb)
+    time_ns, dcm = track.time_ns, track.dcm_nb
     before = np.maximum(np.searchsorted(time_ns, time_ns - TURNING_NS, "right") - 1, 0)
     after = np.minimum(np.searchsorted(time_ns, time_ns + TURNING_NS), len(time_ns) - 1)
-    angle = np.linalg.norm(log(multiply(conjugate(q[before]), q[after])), axis=1)
+    # A turn by an angle changes a matrix by a Frobenius norm of sqrt(8) times the sine of its half
+    change = np.linalg.norm((dcm[after] - dcm[before]).reshape(-1, 9), axis=1) / np.sqrt(8.0)
+    angle = 2.0 * np.arcsin(np.minimum(change, 1.0))
     return np.asarray(angle / ((time_ns[after] - time_ns[before]) * 1e-9))
 
 

@@ -172,9 +172,12 @@ def align_moving(
             continue
         if made.good:
             return made
-    if moving is None:
+    if moving is not None:
+        return moving
+    try:
         raise refused
-    return moving
+    finally:
+        del refused  # which holds this frame, with all that was tried, and would be held by it
 
 
 def _lifts_off(source: Source, fixes: GnssFixes) -> bool:

@@ -22,11 +22,11 @@ from sinstool.methods.sensor_errors import (
     LOW_COST,
     Grade,
     SensorGrade,
+    next_worse,
     partly_calibrated,
 )
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
-from sinstool.pipelines.process.ins_gnss.imu_fit import next_worse
 from sinstool.survey.grade import ImuGrade, random_walk, random_walks
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,10 +12,10 @@ from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
 from sinstool.core.options import span
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
+from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import message_times, split_position_velocity
 from sinstool.methods.ins_gnss.returning_fixes import leaps
-from sinstool.methods.ins_gnss.settings import Settings
-from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
+from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
     barometer,
     filter_settings,
@@ -68,18 +68,54 @@ def first_start(
             "--mode ins-gnss: the log has no GNSS fixes",
             "use --mode ins (with --height-damping), or attitude",
         )
+    aiding = _Aiding.of(source, config, gnss, lag)
     if grade is not None:
-        return _start_as(grade, source, to_align_as(config, grade), config, gnss, lag)
+        return _start_as(grade, source, to_align_as(config, grade), config, aiding)
     judged = sensor_grade(source, config)
     try:
-        return _start_as(judged, source, config, config, gnss, lag)
+        return _start_as(judged, source, config, config, aiding)
     except AlignmentError:
         if judged.grade != "mems" or config.navigation.imu_grade != "auto":
             raise
         bare = ImuGrade("consumer", "as no start fits the accelerometers of a calibrated one")
         with suppress(AlignmentError):
-            return first_start(source, config, bare, lag)
+            return _start_as(bare, source, to_align_as(config, bare), config, aiding)
         raise
+
+
+@dataclass(frozen=True)
+class _Aiding:
+    """What a filter gets beside the Imu, whatever that is taken for.
+
+    Attributes
+    ----------
+    fixes : StartFixes
+        Of those that are not withheld.
+    """
+
+    model: GnssModel
+    gnss_why: str
+    lag: float
+    epochs: GnssEpochs
+    withheld: np.ndarray
+    fixes: StartFixes
+    reference: HeightReference | None
+    remarks: list[str]
+
+    @classmethod
+    def of(
+        cls, source: Source, config: ProcessConfig, gnss: GnssEpochs, lag: float | None
+    ) -> _Aiding:
+        """Of a log; with a lag that was found out already, if it was."""
+        model, gnss_why = gnss_model(gnss, config)
+        if lag is None:
+            lag = config.filter.gnss_velocity_lag
+        if lag is None:
+            lag = significant_lag(gnss)
+        epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
+        withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
+        fixes = StartFixes.of(epochs.rows(~withheld), model)
+        return cls(model, gnss_why, lag, epochs, withheld, fixes, *barometer(source, config))
 
 
 def _start_as(
@@ -87,36 +123,30 @@ def _start_as(
     source: Source,
     aligned_by: ProcessConfig,
     config: ProcessConfig,
-    gnss: GnssEpochs,
-    lag: float | None,
+    aiding: _Aiding,
 ) -> FilterStart:
     """A first start with an Imu of a grade, which `aligned_by` has where rests show another."""
-    model, gnss_why = gnss_model(gnss, config)
-    reference, remarks = barometer(source, config)
-    settings = filter_settings(source, config, grade, model, reference)
-    if lag is None:
-        lag = config.filter.gnss_velocity_lag
-    if lag is None:
-        lag = significant_lag(gnss)
-    epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
-    withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
-    latency, found = _first_latency(source, aligned_by, settings, epochs.rows(~withheld))
+    settings = filter_settings(source, config, grade, aiding.model, aiding.reference)
+    latency, found = _first_latency(source, aligned_by, settings, aiding.fixes)
     best = FilterStart(
         replace(settings, gnss_latency=latency),
         found.start,
         found.time_ns,
         found.how,
         found.alignment,
-        epochs,
-        withheld,
-        reference,
+        aiding.epochs,
+        aiding.withheld,
+        aiding.reference,
         None,
         "not observable",
-        lag,
+        aiding.lag,
         grade,
-        gnss_why,
-        (*too_good(source, config, settings), *remarks, *_leapt(gnss)),
+        aiding.gnss_why,
+        (*too_good(source, config, settings), *aiding.remarks),
     )
+    # Many a log shows no start, and needs nothing of the filter then
+    from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
+
     return start_in_longest(source, config, best)
 
 
@@ -162,7 +192,7 @@ def as_graded(
 
 
 def _first_latency(
-    source: Source, config: ProcessConfig, settings: Settings, gnss: GnssEpochs
+    source: Source, config: ProcessConfig, settings: Settings, fixes: StartFixes
 ) -> tuple[float, FoundStart]:
     """The configured latency, else zero, else the first usual latency with which a start succeeds.
 
@@ -171,7 +201,6 @@ def _first_latency(
     """
     by_option = config.gnss.gnss_latency
     refused: AlignmentError | None = None
-    fixes = StartFixes.of(gnss, settings.gnss)
     for latency in FIRST_LATENCIES if by_option is None else (by_option,):
         try:
             timed = replace(settings, gnss_latency=latency)
@@ -181,7 +210,10 @@ def _first_latency(
             if exc.uncertain and exc.consistent:
                 break  # which another latency makes no better
     assert refused is not None
-    raise refused
+    try:
+        raise refused
+    finally:
+        del refused  # which holds this frame, with all that was tried, and would be held by it
 
 
 def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:

@@ -7,7 +7,6 @@ only where fixes are left out: see :mod:`~sinstool.pipelines.process.ins_gnss.im
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import get_args
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import GnssDiagnostics
-from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_drift import shaking
 from sinstool.survey.increments import first_increments
@@ -97,10 +95,3 @@ def unlikely(epochs: GnssDiagnostics) -> FloatArray:
     """-2 log likelihood of the innovations of each epoch, less what is the same for all models."""
     spread = 2.0 * np.nansum(np.log(epochs.innovation_sigma), axis=1)
     return np.asarray(np.minimum(epochs.nis, GATE) + spread)
-
-
-def next_worse(grade: Grade) -> Grade | None:
-    """The grade below one."""
-    order: tuple[Grade, ...] = get_args(Grade)  # from the worst on
-    at = order.index(grade)
-    return order[at - 1] if at else None

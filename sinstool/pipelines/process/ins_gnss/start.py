@@ -12,7 +12,7 @@ from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.sensor_errors import LOW_COST, SensorGrade, as_if_aligned
+from sinstool.methods.sensor_errors import LOW_COST, SensorGrade, as_if_aligned, next_worse
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 from sinstool.pipelines.process.ins_gnss.contradictions import compare_with_log
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
@@ -26,7 +26,7 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import (
     shaking,
     shown_increments,
 )
-from sinstool.pipelines.process.ins_gnss.imu_fit import fit, next_worse
+from sinstool.pipelines.process.ins_gnss.imu_fit import fit
 from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.likelier_grade import (
     GradeFits,

@@ -1,12 +1,19 @@
 """A filter's start, which several runs find out."""
 
+import gc
 from dataclasses import replace
+from types import FrameType
 
 import pytest
 
+from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
+from sinstool.core.streams import GnssEpochs
+from sinstool.io.readers import open_log
 from sinstool.methods.alignment import in_motion
+from sinstool.pipelines.plan import make_plan
 from sinstool.pipelines.process.ins_gnss import initial_state, timing
+from sinstool.survey.source import prepare
 from tests.helpers.filter_logs import simulated, start_of
 from tests.helpers.unseen_drives import (
     GRADES,
@@ -76,3 +83,24 @@ def test_a_start_that_is_not_there_is_looked_for_once(tmp_path, monkeypatch, mad
         start_of(log)
     assert len({settings.gnss_latency_s for settings, *_ in tried}) == 1
     assert len(tried) == len(set(tried))
+
+
+def test_a_start_that_is_not_there_leaves_nothing_behind(tmp_path):
+    """What was tried is free at once: a collection that comes late would find it in use."""
+    log = standing(tmp_path / "log.mcap")
+    config = ProcessConfig(input={"gyro_unit": "rad/s"})
+    with open_log(log) as opened:
+        source = prepare(opened, config)
+        make_plan(source, config)  # whatever is made but once
+        gc.collect()
+        gc.disable()
+        try:
+            make_plan(source, config)
+            gc.set_debug(gc.DEBUG_SAVEALL)
+            gc.collect()
+            left = {type(each) for each in gc.garbage}
+        finally:
+            gc.set_debug(0)
+            gc.garbage.clear()
+            gc.enable()
+    assert not left & {GnssEpochs, FrameType}
