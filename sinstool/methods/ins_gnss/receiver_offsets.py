@@ -42,6 +42,9 @@ LATENCY_S = 0.2
 ARM_SURE_M, ARM_UNKNOWN_M = 0.1, 2.0
 """A lever arm is measured to a decimetre; one that is not given is within a couple of metres."""
 
+ARM_USUAL_M = 1.0
+"""So far is an antenna usually from the IMU, 1 sigma, where the log leaves open where it is."""
+
 MAX_SIGMA_S = 0.05
 """A latency that is not known to this is as good as not known."""
 
@@ -87,6 +90,10 @@ class ReceiverOffsets:
         by for each of them, rad.
     misfit : float
         Innovations squared that are left, over what the filter expects, of the fixes used.
+    square, rows : float
+        The same of the innovations as they are, and how many numbers they are.
+    given : bool
+        Whether somebody said where the antenna is.
     spread : float
         By how much less certain the latency is than its covariance says, see :func:`settle`.
     """
@@ -98,6 +105,9 @@ class ReceiverOffsets:
     arm_off_sigma_b: FloatArray
     turned: FloatArray
     misfit: float = 1.0
+    square: float = 1.0
+    rows: float = 1.0
+    given: bool = True
     spread: float = 1.0
 
     @property
@@ -120,6 +130,34 @@ class ReceiverOffsets:
         limit = np.maximum(BEYOND * sigma, LEAST_ARM_M)
         return bool(np.any((np.abs(self.arm_off_b) > limit) & (sigma < 0.5 * ARM_UNKNOWN_M)))
 
+    @property
+    def arm_shown(self) -> bool:
+        """Whether the log shows where an antenna is of which nobody said that."""
+        sigma = self.arm_off_sigma_b
+        far = np.abs(self.arm_off_b) > BEYOND * sigma
+        return not self.given and bool(np.any(far & (sigma < 0.5 * ARM_UNKNOWN_M)))
+
+    def used_at(self, arm_b: ArrayLike) -> ReceiverOffsets:
+        """The same beside an arm in use, which, along axes that the log hardly shows, is usual.
+
+        Parameters
+        ----------
+        arm_b : array_like, shape (3,)
+            In use, m; nobody gave it.
+        """
+        information = np.linalg.inv(self.covariance)
+        more = 1.0 / ARM_USUAL_M**2 - 1.0 / ARM_UNKNOWN_M**2
+        covariance = np.linalg.inv(information + np.diag([0.0, more, more, more]))
+        both = covariance @ information @ [self.latency_s, *self.arm_b]
+        return replace(
+            self,
+            latency_s=float(both[0]),
+            arm_b=both[1:],
+            covariance=covariance,
+            arm_off_b=both[1:] - np.asarray(arm_b),
+            arm_off_sigma_b=np.sqrt(np.diag(covariance)[1:]),
+        )
+
     def latency_contradicts(self, latency_s: float) -> bool:
         """Whether the log shows that a latency, s, which was given for certain is wrong."""
         return self.latency.differs_from(latency_s, LEAST_LATENCY_S, LATENCY_BEYOND)
@@ -127,7 +165,7 @@ class ReceiverOffsets:
     def error_of(self, latency_s: float, configured: bool) -> FloatArray:
         """Second moments of the errors of the latency and arm used, of s and m, shape (4, 4).
 
-        An arm, and a latency that was given, are right unless the log contradicts them.
+        An arm or a latency that was given is right unless the log contradicts it.
 
         Parameters
         ----------
@@ -136,7 +174,7 @@ class ReceiverOffsets:
         configured : bool
             For certain, by the user.
         """
-        doubted = np.full(4, self.arm_contradicts)
+        doubted = np.full(4, not self.given or self.arm_contradicts)
         doubted[0] = not configured or self.latency_contradicts(latency_s)
         off = np.array([self.latency_s - latency_s, *self.arm_off_b])
         scale = np.array([self.sigma_s / np.sqrt(self.covariance[0, 0]), 1.0, 1.0, 1.0])
@@ -159,6 +197,7 @@ def estimate_offsets(
     parts: Iterable[Increments],
     gnss: GnssEpochs,
     assumed_b: ArrayLike | None = None,
+    given: bool = True,
 ) -> ReceiverOffsets | None:
     """Latency and lever arm near those of the settings.
 
@@ -176,7 +215,9 @@ def estimate_offsets(
     gnss : GnssEpochs
         In order of their stamps.
     assumed_b : array_like, shape (3,), optional
-        The arm assumed, where it is not that of the settings; 0, 0, 0 counts as not given.
+        The arm assumed, where it is not that of the settings.
+    given : bool, optional
+        Whether somebody said that it is there.
 
     Returns
     -------
@@ -192,8 +233,12 @@ def estimate_offsets(
     free, covariance, misfit = _solved(scores, here, usual, ARM_UNKNOWN_M)
     off, sigma = free[1:] - assumed, np.sqrt(np.diag(covariance)[1:])
     turned = scores.turned.mean(axis=0)
-    answer = ReceiverOffsets(float(free[0]), free[1:], covariance, off, sigma, turned, misfit)
-    if not assumed.any() or answer.arm_contradicts:
+    rows = float(scores.rows.sum())
+    square = float(scores.nis.sum()) / rows
+    answer = ReceiverOffsets(
+        float(free[0]), free[1:], covariance, off, sigma, turned, misfit, square, rows, given
+    )
+    if not given or answer.arm_contradicts:
         return answer
     near, covariance, _ = _solved(scores, here, usual, ARM_SURE_M)
     return replace(answer, latency_s=float(near[0]), arm_b=near[1:], covariance=covariance)

@@ -10,6 +10,7 @@ the mean of both, so that positions are valid at ``stamp - latency + lag/2`` and
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 
@@ -53,6 +54,9 @@ LAG_SIGMAS = 6.0
 # Assumed while positions at wrong times must not spoil the biases.
 LOOSE_POSITION = (5.0, 5.0, 8.0)
 LOOSE_VELOCITY = (0.3, 0.3, 0.5)
+# An arm that nobody gave is used where the estimate about it is within so many of its sigmas of it,
+# after at most so many steps, and -2 log likelihood is less by so much than without.
+ARM_AGREES, ARM_ROUNDS, ARM_GAIN = 1.0, 4, 16.0
 # Epochs that show the white noise of fixes.
 LEAST_EPOCHS = 40
 
@@ -81,7 +85,7 @@ def with_offsets(
     begin : callable
         Makes a start with another latency, s, and the arm assumed (None) or another, m.
     """
-    assumed, assumed_b = first.settings.gnss_latency, first.settings.lever_arm_b
+    assumed, stated_b = first.settings.gnss_latency, config.gnss.lever_arm
     begun = {assumed: first}
 
     def begun_at(latency: float) -> FilterStart:
@@ -95,8 +99,7 @@ def with_offsets(
 
     def evaluate(latency: float, arm_b: np.ndarray | None, gated: bool) -> ReceiverOffsets | None:
         try:
-            alone = arm_b is None or latency == assumed
-            start = begun_at(latency) if alone else begin(latency, arm_b)
+            start = begun_at(latency) if arm_b is None else begin(latency, arm_b)
         except AlignmentError:  # with the fixes moved so far no start is seen
             return None
         motion = motion_from(source, config, algorithm, start.time_ns)
@@ -106,42 +109,76 @@ def with_offsets(
         if not gated:
             settings = replace(settings, control=replace(settings.control, gate_probability=1.0))
             fixes = fixes.rows(~outlying(fixes))
-        shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b)
+        assumed_b, given = stated_b or np.zeros(3), stated_b is not None
+        shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b, given)
         if shown is not None and not gated:
             tried.append((latency, shown))
         return shown
 
     used, offsets, agrees = settle(evaluate, assumed)
-    if _doubtful(tried, assumed_b):
+    if _doubtful(tried):
         least = tried[-1][1].misfit
         tried.clear()
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
         if tried and tried[-1][1].misfit < least:
             used, offsets, agrees = other
+    start, status = first, "not observable"
     if config.gnss.gnss_latency is not None:
-        return replace(first, offsets=offsets, latency_status="given")
-    if offsets is None or not offsets.observable:
-        return replace(first, offsets=offsets)
-    status = "found" if agrees else "not settled"
-    start = first
-    if used != assumed and not (
-        agrees and not offsets.latency.differs_from(assumed, LEAST_S, USED)
-    ):
-        try:
-            start = begun_at(used)
-        except AlignmentError:  # better a start with a latency that is contradicted than none
-            status = "not settled"
-    return replace(start, offsets=offsets, latency_status=status)
+        status = "given"
+    elif offsets is not None and offsets.observable:
+        status = "found" if agrees else "not settled"
+        if used != assumed and not (
+            agrees and not offsets.latency.differs_from(assumed, LEAST_S, USED)
+        ):
+            try:
+                start = begun_at(used)
+            except AlignmentError:  # better a start with a latency that is contradicted than none
+                status = "not settled"
+    start = replace(start, offsets=offsets, latency_status=status)
+    return start if stated_b is not None else _with_arm(start, evaluate, begin)
 
 
-def _doubtful(
-    tried: list[tuple[float, ReceiverOffsets]], arm_b: tuple[float, float, float]
-) -> bool:
-    """Whether estimates about these latencies, s, and an arm, m, may have led astray."""
+def _with_arm(
+    start: FilterStart,
+    evaluate: Callable[[float, FloatArray | None, bool], ReceiverOffsets | None],
+    begin: Callable[[float, np.ndarray | None], FilterStart],
+) -> FilterStart:
+    """A start with the arm that the log shows, where it does, as nobody gave one."""
+    latency, shown = start.settings.gnss_latency, start.offsets
+    start = replace(start, arm_status="open")
+    if shown is None:
+        return start
+    without = replace(start, offsets=shown.used_at(np.zeros(3)))
+    if not shown.arm_shown:
+        return without
+    before, arm_b = evaluate(latency, None, False), shown.used_at(np.zeros(3)).arm_b
+    for _ in range(ARM_ROUNDS):
+        about = evaluate(latency, arm_b, False)
+        if before is None or about is None or not about.arm_shown:
+            return without
+        offsets = about.used_at(arm_b)
+        if np.all(np.abs(offsets.arm_off_b) < ARM_AGREES * offsets.arm_off_sigma_b):
+            break
+        arm_b = offsets.arm_b
+    else:
+        return without
+    gain = (before.square * before.rows - about.square * about.rows) / max(about.misfit, 1.0)
+    if gain < ARM_GAIN:
+        return without
+    with suppress(AlignmentError):
+        status = start.latency_status
+        offsets = replace(offsets, spread=shown.spread)
+        start = replace(begin(latency, arm_b), offsets=offsets, latency_status=status)
+        return replace(start, arm_status="found")
+    return without
+
+
+def _doubtful(tried: list[tuple[float, ReceiverOffsets]]) -> bool:
+    """Whether estimates about these latencies, s, may have led astray."""
     if not tried:
         return False
     last = tried[-1][1]
-    if last.misfit > MISFIT or (any(arm_b) and last.arm_contradicts):
+    if last.misfit > MISFIT or (last.given and last.arm_contradicts):
         return True
     for (before, shown), (latency, follows) in pairwise(tried):
         change = follows.latency_s - shown.latency_s
