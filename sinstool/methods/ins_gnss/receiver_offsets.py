@@ -24,7 +24,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,6 +65,9 @@ _AGREE_S, _AGREE, _APART_S = 1e-3, 0.2, 0.01
 _ROUNDS = 8
 _NEAR_S = 0.02
 _MOST_SLOPE = 0.5  # of the estimate by the latency used
+# A latency is not as likely as another if -2 log likelihood is so much more; others are looked for
+# in steps of so many seconds.
+_WORSE, _STEP_S = 9.0, 0.05
 # For the spread of an estimate that follows the latency used: at most so much of it, shown by
 # latencies at least so many sigmas apart, which are tried where sigma is beyond so many seconds.
 _MOST_FOLLOWED, _WIDE, _TRIED_S = 0.9, 1.0, 5e-3
@@ -319,6 +322,73 @@ def settle(
         half = 0.5 * float(np.ptp(tried))
         offsets = replace(offsets, spread=max(half / offsets.sigma_s, 1.0))
     return used, offsets, agrees
+
+
+def likeliest(
+    evaluate: Callable[[float, FloatArray | None, bool], ReceiverOffsets | None],
+    tried: Sequence[tuple[float, ReceiverOffsets]],
+    arm_b: FloatArray | None,
+) -> tuple[float, ReceiverOffsets] | None:
+    """The latency with which innovations are least, where estimates lead away from it.
+
+    Parameters
+    ----------
+    evaluate : callable
+        As of :func:`settle`.
+    tried : sequence of (float, ReceiverOffsets)
+        Latencies, s, in the order of trials, and what was shown about each.
+    arm_b : ndarray, shape (3,), optional
+        The arm with which to try more.
+
+    Returns
+    -------
+    used_s : float
+        None where the last one tried is as likely as any.
+    offsets : ReceiverOffsets
+        With that latency, and how well its likelihood alone shows it.
+
+    Notes
+    -----
+    Scores are without bias if innovations are white. Those of a filter that takes its sensors for
+    too noisy follow each other, and go with the noise of the velocity that they are held against.
+    What they are as a whole shows a latency however that may be, if less sharply.
+    """
+    if not tried:
+        return None
+    rows = tried[-1][1].rows
+    cost = {latency: shown.square * rows for latency, shown in tried}
+    best = min(cost, key=cost.__getitem__)
+    if cost[tried[-1][0]] - cost[best] < _WORSE:
+        return None
+    shown = dict(tried)
+    for _ in range(_ROUNDS):
+        below = max((x for x in cost if x < best), default=best - _STEP_S)
+        above = min((x for x in cost if x > best), default=best + _STEP_S)
+        following = below if below not in cost else above
+        if below in cost and above in cost:
+            bend, following = _parabola([(x, cost[x]) for x in (below, best, above)])
+            if abs(following - best) < _AGREE * np.sqrt(2.0 / bend):
+                break
+        other = evaluate(following, arm_b, False)
+        if other is None:
+            return None
+        cost[following], shown[following] = other.square * rows, other
+        best = min(cost, key=cost.__getitem__)
+    else:
+        return None
+    found = shown[best]
+    sigma = max(float(np.sqrt(2.0 / bend)), found.sigma_s)
+    scale = np.array([sigma / np.sqrt(found.covariance[0, 0]), 1.0, 1.0, 1.0])
+    covariance = found.covariance * np.outer(scale, scale)
+    return best, replace(found, latency_s=following, covariance=covariance)
+
+
+def _parabola(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Second derivative of the parabola through three points, and where it is least."""
+    (a, fa), (b, fb), (c, fc) = points
+    left, right = (fb - fa) / (b - a), (fc - fb) / (c - b)
+    bend = max(2.0 * (right - left) / (c - a), 1e-9)
+    return bend, 0.5 * (a + b) - left / bend
 
 
 def _solved(

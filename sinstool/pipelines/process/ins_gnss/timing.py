@@ -25,7 +25,12 @@ from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import outlying, velocity_lag, worse_than_usual
-from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
+from sinstool.methods.ins_gnss.receiver_offsets import (
+    ReceiverOffsets,
+    estimate_offsets,
+    likeliest,
+    settle,
+)
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, WhiteNoise
@@ -117,11 +122,18 @@ def with_offsets(
 
     used, offsets, agrees = settle(evaluate, assumed)
     if _doubtful(tried):
-        least = tried[-1][1].misfit
+        least, before = tried[-1][1].misfit, tried.copy()
         tried.clear()
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
         if tried and tried[-1][1].misfit < least:
             used, offsets, agrees = other
+        else:
+            tried[:] = before
+    known = offsets is not None and (offsets.arm_contradicts or offsets.arm_shown)
+    likelier = likeliest(evaluate, tried, offsets.arm_b if known and offsets else None)
+    if likelier is not None:
+        used, offsets = likelier
+        agrees = offsets.observable
     start, status = first, "not observable"
     if config.gnss.gnss_latency is not None:
         status = "given"
