@@ -15,6 +15,7 @@ from sinstool.methods.ins_gnss.receiver_offsets import (
     LATENCY_S,
     ReceiverOffsets,
     estimate_offsets,
+    likeliest,
     settle,
 )
 from sinstool.pipelines.process.ins_gnss import timing
@@ -308,6 +309,35 @@ def test_an_estimate_that_runs_away_is_said_not_to_agree():
     used, _, agrees = settle(lambda latency, *_: offsets_at(latency, 0.1), 0.0)
     assert used == 0.0 and not agrees  # not observable
     assert settle(lambda *_: None, 0.02) == (0.02, None, False)
+
+
+@pytest.mark.parametrize("rows", [40.0, 2700.0])
+def test_estimates_that_lead_away_from_the_likeliest_latency_are_not_believed(rows):
+    """Slow motion, innovations that follow each other: 0.54 s was used where 0.08 s was true."""
+
+    def about(latency, *_):
+        shown = offsets_at(0.2 + 0.65 * latency, 0.018)
+        square = 0.75 + 0.5 * (latency - 0.08) ** 2
+        return replace(shown, square=square, rows=rows, given=False)
+
+    tried = []
+
+    def evaluate(*settings):
+        tried.append((settings[0], about(*settings)))
+        return tried[-1][1]
+
+    used, offsets, agrees = settle(evaluate, 0.0)
+    assert agrees and used > 0.5
+    other = likeliest(evaluate, tried, None)
+    if rows < 100.0:  # as likely as any
+        assert other is None
+        return
+    used, offsets = other
+    assert used == pytest.approx(0.08, abs=0.03)
+    assert offsets.latency_s == pytest.approx(0.08, abs=1e-6)
+    assert offsets.sigma_s == pytest.approx(np.sqrt(2.0 / rows), rel=0.05)
+    # Nor is another sought where the last one is likelier than those before it
+    assert likeliest(evaluate, [(0.0, about(0.0)), (0.08, about(0.08))], None) is None
 
 
 def test_where_all_fixes_would_be_left_out_none_is():

@@ -233,7 +233,9 @@ def test_velocities_without_covariance_are_as_noisy_as_they_show(
         model = with_white_velocity(before, claims, ProcessConfig(), shown).settings.gnss
         expected = 0.05 * np.array([level, level, down])
         assert model.velocity_white == pytest.approx(expected, rel=0.02)
-        assert np.hypot(model.velocity_white, model.velocity_markov) == pytest.approx(0.05, rel=1e-3)
+        assert np.hypot(model.velocity_white, model.velocity_markov) == pytest.approx(
+            0.05, rel=1e-3
+        )
 
 
 def test_positions_without_covariance_are_as_noisy_as_they_show(tmp_path):
