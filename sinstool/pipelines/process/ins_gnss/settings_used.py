@@ -119,8 +119,8 @@ def _arm_open(sigma: np.ndarray) -> Finding:
     known = ", ".join(f"{value:.2g}" for value in sigma)
     return Finding(
         "lever-arm-uncertain",
-        f"the log does not show where the antenna is: its place is uncertain by {known} m (forward,"
-        " right, down; 1 sigma), and positions by as much, however good the fixes are",
+        f"the log shows the antenna's place to {known} m only (forward, right, down; 1 sigma), and"
+        " positions are uncertain by as much, however good the fixes are",
         answer="give --lever-arm (0,0,0 if the antenna is at the IMU)",
         numbers={
             "forward_m": float(sigma[0]),
