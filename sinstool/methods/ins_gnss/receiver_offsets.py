@@ -140,6 +140,11 @@ class ReceiverOffsets:
         far = np.abs(self.arm_off_b) > BEYOND * sigma
         return not self.given and bool(np.any(far & (sigma < 0.5 * ARM_UNKNOWN_M)))
 
+    @property
+    def arm_elsewhere_b(self) -> FloatArray | None:
+        """The arm to look for more about, where the log shows that it is not the one assumed."""
+        return self.arm_b if self.arm_contradicts or self.arm_shown else None
+
     def used_at(self, arm_b: ArrayLike) -> ReceiverOffsets:
         """The same beside an arm in use, which, along axes that the log hardly shows, is usual.
 
@@ -293,7 +298,7 @@ def settle(
             slope = (offsets.latency_s - before[1]) / (used - before[0])
         before = used, offsets.latency_s
         following = used + step / (1.0 - min(max(slope, 0.0), _MOST_SLOPE))
-        arm_b = offsets.arm_b if offsets.arm_contradicts else None
+        arm_b = offsets.arm_elsewhere_b
         result = evaluate(following, arm_b, gated)
         if gated and (result is None or not result.observable):
             # From a bad start nearly all are left out, of which none is bad
@@ -307,8 +312,7 @@ def settle(
     if agrees and offsets.sigma_s > _TRIED_S:
         wide = _WIDE * offsets.sigma_s
         if max(abs(used - latency) for latency, _ in seen) < wide:
-            arm_b = offsets.arm_b if offsets.arm_contradicts else None
-            other = evaluate(used + 2.0 * wide, arm_b, gated)
+            other = evaluate(used + 2.0 * wide, offsets.arm_elsewhere_b, gated)
             if other is not None:
                 seen.append((used + 2.0 * wide, other.latency_s))
         latency, estimate = max(seen, key=lambda pair: abs(used - pair[0]))
@@ -325,8 +329,8 @@ def settle(
 
 
 def likeliest(
-    evaluate: Callable[[float, FloatArray | None, bool], ReceiverOffsets | None],
-    tried: Sequence[tuple[float, ReceiverOffsets]],
+    evaluate: Callable[[float, FloatArray | None], ReceiverOffsets | None],
+    tried: Sequence[float],
     arm_b: FloatArray | None,
 ) -> tuple[float, ReceiverOffsets] | None:
     """The latency with which innovations are least, where estimates lead away from it.
@@ -334,16 +338,17 @@ def likeliest(
     Parameters
     ----------
     evaluate : callable
-        As of :func:`settle`.
-    tried : sequence of (float, ReceiverOffsets)
-        Latencies, s, in the order of trials, and what was shown about each.
+        Takes a latency, s, and an arm (None: the one assumed), and returns
+        :func:`estimate_offsets` about them, all else being equal.
+    tried : sequence of float
+        Latencies, s, the last of which is the answer of :func:`settle`.
     arm_b : ndarray, shape (3,), optional
-        The arm with which to try more.
+        The arm with which to try them.
 
     Returns
     -------
     used_s : float
-        None where the last one tried is as likely as any.
+        None instead of both where the last one is as likely as the others.
     offsets : ReceiverOffsets
         With that latency, and how well its likelihood alone shows it.
 
@@ -353,14 +358,21 @@ def likeliest(
     too noisy follow each other, and go with the noise of the velocity that they are held against.
     What they are as a whole shows a latency however that may be, if less sharply.
     """
-    if not tried:
+    cost: dict[float, float] = {}
+    found: dict[float, ReceiverOffsets] = {}
+
+    def judge(latency: float) -> bool:
+        """Whether that can be had."""
+        shown = evaluate(latency, arm_b)
+        if shown is not None:
+            cost[latency], found[latency] = shown.square * shown.rows, shown
+        return shown is not None
+
+    if not all(judge(latency) for latency in tried):
         return None
-    rows = tried[-1][1].rows
-    cost = {latency: shown.square * rows for latency, shown in tried}
     best = min(cost, key=cost.__getitem__)
-    if cost[tried[-1][0]] - cost[best] < _WORSE:
+    if cost[tried[-1]] - cost[best] < _WORSE:
         return None
-    shown = dict(tried)
     for _ in range(_ROUNDS):
         below = max((x for x in cost if x < best), default=best - _STEP_S)
         above = min((x for x in cost if x > best), default=best + _STEP_S)
@@ -369,18 +381,17 @@ def likeliest(
             bend, following = _parabola([(x, cost[x]) for x in (below, best, above)])
             if abs(following - best) < _AGREE * np.sqrt(2.0 / bend):
                 break
-        other = evaluate(following, arm_b, False)
-        if other is None:
+        if not judge(following):
             return None
-        cost[following], shown[following] = other.square * rows, other
         best = min(cost, key=cost.__getitem__)
     else:
         return None
-    found = shown[best]
-    sigma = max(float(np.sqrt(2.0 / bend)), found.sigma_s)
-    scale = np.array([sigma / np.sqrt(found.covariance[0, 0]), 1.0, 1.0, 1.0])
-    covariance = found.covariance * np.outer(scale, scale)
-    return best, replace(found, latency_s=following, covariance=covariance)
+    shown = found[best]
+    # Innovations that are larger than the filter expects make everything that much less certain
+    sigma = max(float(np.sqrt(2.0 * max(shown.misfit, 1.0) / bend)), shown.sigma_s)
+    scale = np.array([sigma / np.sqrt(shown.covariance[0, 0]), 1.0, 1.0, 1.0])
+    covariance = shown.covariance * np.outer(scale, scale)
+    return best, replace(shown, latency_s=following, covariance=covariance)
 
 
 def _parabola(points: Sequence[tuple[float, float]]) -> tuple[float, float]:

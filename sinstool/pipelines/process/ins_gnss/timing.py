@@ -10,7 +10,6 @@ the mean of both, so that positions are valid at ``stamp - latency + lag/2`` and
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 
@@ -122,18 +121,17 @@ def with_offsets(
 
     used, offsets, agrees = settle(evaluate, assumed)
     if _doubtful(tried):
-        least, before = tried[-1][1].misfit, tried.copy()
+        least = tried[-1][1].misfit
         tried.clear()
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
         if tried and tried[-1][1].misfit < least:
             used, offsets, agrees = other
-        else:
-            tried[:] = before
-    known = offsets is not None and (offsets.arm_contradicts or offsets.arm_shown)
-    likelier = likeliest(evaluate, tried, offsets.arm_b if known and offsets else None)
-    if likelier is not None:
-        used, offsets = likelier
-        agrees = offsets.observable
+    if offsets is not None and abs(used - assumed) > LEAST_S:
+        same = _with_same_start(source, config, algorithm, first)
+        likelier = likeliest(same, (assumed, used), offsets.arm_elsewhere_b)
+        if likelier is not None:
+            used, offsets = likelier
+            agrees = offsets.observable
     start, status = first, "not observable"
     if config.gnss.gnss_latency is not None:
         status = "given"
@@ -147,10 +145,15 @@ def with_offsets(
             except AlignmentError:  # better a start with a latency that is contradicted than none
                 status = "not settled"
     start = replace(start, offsets=offsets, latency_status=status)
-    return start if stated_b is not None else _with_arm(start, evaluate, begin)
+    if stated_b is not None:
+        return start
+    return _with_arm(source, config, algorithm, start, evaluate, begin)
 
 
 def _with_arm(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
     start: FilterStart,
     evaluate: Callable[[float, FloatArray | None, bool], ReceiverOffsets | None],
     begin: Callable[[float, np.ndarray | None], FilterStart],
@@ -160,29 +163,37 @@ def _with_arm(
     start = replace(start, arm_status="open")
     if shown is None:
         return start
-    without = replace(start, offsets=shown.used_at(np.zeros(3)))
+    start = replace(start, offsets=shown.used_at(np.zeros(3)))
     if not shown.arm_shown:
-        return without
-    before, arm_b = evaluate(latency, None, False), shown.used_at(np.zeros(3)).arm_b
+        return start
+    arm_b = shown.used_at(np.zeros(3)).arm_b
     for _ in range(ARM_ROUNDS):
         about = evaluate(latency, arm_b, False)
-        if before is None or about is None or not about.arm_shown:
-            return without
+        if about is None or not about.arm_shown:
+            return start
         offsets = about.used_at(arm_b)
         if np.all(np.abs(offsets.arm_off_b) < ARM_AGREES * offsets.arm_off_sigma_b):
             break
         arm_b = offsets.arm_b
     else:
-        return without
-    gain = (before.square * before.rows - about.square * about.rows) / max(about.misfit, 1.0)
-    if gain < ARM_GAIN:
-        return without
-    with suppress(AlignmentError):
-        status = start.latency_status
-        offsets = replace(offsets, spread=shown.spread)
-        start = replace(begin(latency, arm_b), offsets=offsets, latency_status=status)
-        return replace(start, arm_status="found")
-    return without
+        return start
+    try:
+        begun = begin(latency, arm_b)
+    except AlignmentError:
+        return start
+    same = _with_same_start(source, config, algorithm, begun)
+    before, after = same(latency, np.zeros(3)), same(latency, arm_b)
+    if before is None or after is None:
+        return start
+    gain = before.square * before.rows - after.square * after.rows
+    if gain < ARM_GAIN * max(after.misfit, 1.0):
+        return start
+    return replace(
+        begun,
+        offsets=replace(offsets, spread=shown.spread),
+        latency_status=start.latency_status,
+        arm_status="found",
+    )
 
 
 def _doubtful(tried: list[tuple[float, ReceiverOffsets]]) -> bool:
@@ -201,21 +212,42 @@ def _doubtful(tried: list[tuple[float, ReceiverOffsets]]) -> bool:
     return False
 
 
+def _with_same_start(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
+) -> Callable[[float, FloatArray | None], ReceiverOffsets | None]:
+    """What is shown about a latency, s, and an arm (None: the one in use), all else being equal.
+
+    Another start has other noise and other errors, which likelihoods would have to be held against.
+    """
+    motion = motion_from(source, config, algorithm, first.time_ns)
+    fixes = first.used.rows(~outlying(first.used))
+    control, stated_b = replace(first.settings.control, gate_probability=1.0), config.gnss.lever_arm
+
+    def about(latency: float, arm_b: FloatArray | None) -> ReceiverOffsets | None:
+        if motion is None:
+            return None
+        x, y, z = np.asarray(first.settings.lever_arm_b if arm_b is None else arm_b).tolist()
+        settings = replace(
+            first.settings, control=control, gnss_latency=latency, lever_arm_b=(x, y, z)
+        )
+        assumed_b, given = stated_b or np.zeros(3), stated_b is not None
+        return estimate_offsets(first.start, settings, [motion], fixes, assumed_b, given)
+
+    return about
+
+
 def _likeliest_latency(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> float:
     """Latency about which offsets explain the fixes best, s, of `LATENCIES` and those near it."""
-    motion = motion_from(source, config, algorithm, first.time_ns)
-    fixes = first.used.rows(~outlying(first.used))
-    control = replace(first.settings.control, gate_probability=1.0)
-    if motion is None:
-        return first.settings.gnss_latency
+    about = _with_same_start(source, config, algorithm, first)
 
     def misfit(latency: float) -> float:
-        settings = replace(first.settings, control=control, gnss_latency=latency)
-        shown = estimate_offsets(first.start, settings, [motion], fixes)
+        shown = about(latency, None)
         return np.inf if shown is None else shown.misfit
 
+    if about(first.settings.gnss_latency, None) is None:
+        return first.settings.gnss_latency
     best = min(LATENCIES.tolist(), key=misfit)
     return min((best + NEARER).tolist(), key=misfit)
 

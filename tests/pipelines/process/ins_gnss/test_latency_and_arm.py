@@ -320,15 +320,9 @@ def test_estimates_that_lead_away_from_the_likeliest_latency_are_not_believed(ro
         square = 0.75 + 0.5 * (latency - 0.08) ** 2
         return replace(shown, square=square, rows=rows, given=False)
 
-    tried = []
-
-    def evaluate(*settings):
-        tried.append((settings[0], about(*settings)))
-        return tried[-1][1]
-
-    used, offsets, agrees = settle(evaluate, 0.0)
+    used, offsets, agrees = settle(about, 0.0)
     assert agrees and used > 0.5
-    other = likeliest(evaluate, tried, None)
+    other = likeliest(about, (0.0, used), None)
     if rows < 100.0:  # as likely as any
         assert other is None
         return
@@ -337,7 +331,8 @@ def test_estimates_that_lead_away_from_the_likeliest_latency_are_not_believed(ro
     assert offsets.latency_s == pytest.approx(0.08, abs=1e-6)
     assert offsets.sigma_s == pytest.approx(np.sqrt(2.0 / rows), rel=0.05)
     # Nor is another sought where the last one is likelier than those before it
-    assert likeliest(evaluate, [(0.0, about(0.0)), (0.08, about(0.08))], None) is None
+    assert likeliest(about, (0.0, 0.08), None) is None
+    assert likeliest(lambda *_: None, (0.0, 0.5), None) is None
 
 
 def test_where_all_fixes_would_be_left_out_none_is():
