@@ -31,6 +31,8 @@ RADIANS_SCALE = 7.5
 LIVELY_RAD_S = 0.7
 # Means of this size, rad/s, RMS, are those of a spin that few vehicles have: 290 deg/s.
 SPINNING_RAD_S = 5.0
+# So many windows that turn most evenly show a bias, if the vehicle ever rests.
+QUIETEST = 4
 # No IMU measures 100 rad/s (5 700 deg/s); many reach 100 deg/s.
 MAX_RATE_RAD_S = 100.0
 
@@ -133,8 +135,9 @@ def _misfits(windows: Windows) -> list[float]:
     -------
     list of float
         Share of gravity, RMS of the pieces, for rates in rad/s and in deg/s; NaN where no piece is
-        long enough. Of that with the rates as they are, with their mean taken off, and with that
-        across the specific force: without a bias, with one, and with one of a vehicle that turns.
+        long enough. Of that with the rates as they are, less those of the quietest windows, less
+        their mean, and less that across the specific force: without a bias, with one that a rest
+        shows, with one, and with one of a vehicle that turns.
     """
     length = min(PIECE, len(windows))
     first = np.arange(0, len(windows) - length + 1, max(length, 1))
@@ -148,7 +151,9 @@ def _misfits(windows: Windows) -> list[float]:
     usual = float(median(np.linalg.norm(windows.accel, axis=1)))
     gravity = usual if accel_looks_like_g(usual) else STANDARD_GRAVITY
     rows = first[:, None] + np.arange(length)
-    biases = np.array([np.zeros(3), mean, mean - axis * (mean @ axis)])
+    quiet = np.argsort(windows.gyro_std)[: max(QUIETEST, len(windows) // 50)]
+    rest = windows.gyro[quiet].mean(axis=0)
+    biases = np.array([np.zeros(3), rest, mean, mean - axis * (mean @ axis)])
     # By unit and bias: what is computed for all of them at once is called for once
     back = rotation.exp(np.array(UNITS)[:, None, None] * biases * (-WINDOW_NS / 1e9))
     turns = rotation.multiply(windows.turn[:, None, rows], back[:, :, None, None])
