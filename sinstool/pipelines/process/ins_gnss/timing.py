@@ -120,13 +120,16 @@ def with_offsets(
         return shown
 
     used, offsets, agrees = settle(evaluate, assumed)
+    at_first = tried[0][1].square if tried else 0.0
     if _doubtful(tried):
         least = tried[-1][1].misfit
         tried.clear()
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
         if tried and tried[-1][1].misfit < least:
             used, offsets, agrees = other
-    if offsets is not None and abs(used - assumed) > LEAST_S:
+    # A start with a wrong latency may have an attitude with which no other explains the fixes
+    no_better = bool(tried) and tried[-1][1].square > at_first
+    if offsets is not None and abs(used - assumed) > LEAST_S and no_better:
         same = _with_same_start(source, config, algorithm, first)
         likelier = likeliest(same, (assumed, used), offsets.arm_elsewhere_b)
         if likelier is not None:
