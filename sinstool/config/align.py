@@ -76,9 +76,10 @@ class GnssOptions(Group):
 
     title = "GNSS receiver"
 
-    lever_arm: tuple[float, float, float] = option(
-        (0.0, 0.0, 0.0),
-        "from the IMU to the antenna, in m, Forward-Right-Down",
+    lever_arm: tuple[float, float, float] | None = option(
+        None,
+        "from the IMU to the antenna, in m, Forward-Right-Down (default: 0,0,0, or what the filter"
+        " finds in the log)",
         "X,Y,Z",
         brief="from the IMU to the antenna, in m, FRD",
     )

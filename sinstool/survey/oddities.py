@@ -24,6 +24,7 @@ from sinstool.survey.unit_evidence import (
     accel_looks_like_g,
     degrees_look_like_radians,
     gyro_looks_like_degrees,
+    spins_untold,
     turns_like_degrees,
 )
 
@@ -42,6 +43,8 @@ GRAVITY_SIZES = 7.0, 13.0
 # specific force of half a second varies in motion, as a share of its size.
 SLOW_DEG_S = 3.0
 MOVING = 0.01
+# Of gyros, deg/s; the smallest of usual ones is 125.
+SMALLEST_RANGE_DEG_S = 70.0
 # A rate that was given is another than that of the stamps, by this share.
 OTHER_RATE = 0.05
 
@@ -87,7 +90,13 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
         if options.gyro_unit is None:
             answer = "add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)"
             severity = Severity.FAILED
-            if not s.gyro_unit.surely_degrees:
+            if _saturates_in_radians(s):
+                reason += (
+                    f"; they are read as rad/s, as they saturate at {s.gyro_max.max():.3g}, and"
+                    " hardly any gyro's range is as small as this in deg/s"
+                )
+                severity = Severity.WARNING
+            elif not s.gyro_unit.surely_degrees:
                 reason += "; they are read as rad/s, as rates of this size are usual in rad/s"
                 severity = Severity.WARNING
             yield Finding(
@@ -95,6 +104,13 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             )
         else:
             yield Finding("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as specified")
+    elif options.gyro_unit is None and spins_untold(s.gyro_unit):
+        yield Finding(
+            "gyro-unit",
+            f"topic {s.topic}: rates of {s.gyro_unit.rate:.2g} (RMS of half-second means) are read"
+            " as rad/s, but gravity in the body shows as little of such a spin as of one in deg/s",
+            answer="add --gyro-unit deg/s or --gyro-unit rad/s, whichever is right",
+        )
     force = s.specific_force_median
     if accel_looks_like_g(force):
         text = f"topic {s.topic}: the specific force is {force:.3f} in size, as in units of g"
@@ -107,6 +123,14 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             )
         elif options.accel_unit == "m/s^2":
             yield Finding("accel-unit", f"{text}, read as m/s^2 as specified")
+    elif options.accel_unit is None and accel_looks_like_g(1e-3 * force):
+        yield Finding(
+            "accel-unit",
+            f"topic {s.topic}: the specific force is {force:.0f} in size, as in units of mg or"
+            " cm/s^2",
+            answer="convert the log to m/s^2 (or add --accel-unit m/s^2 if it is right)",
+            severity=Severity.FAILED,
+        )
     elif options.gyro_kind == "increment" and _looks_like_rates(s, options):
         yield Finding(
             "no-increments",
@@ -137,6 +161,12 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f"topic {s.topic}: the specific force is mostly {force:.2f} m/s^2 in size, not 9.8",
             answer="check its unit with --accel-unit",
         )
+
+
+def _saturates_in_radians(s: Survey) -> bool:
+    """Whether gyros stop at a range that they have in rad/s, and none has in deg/s."""
+    clipped = any(name.startswith("gyro") for name in s.saturated)
+    return clipped and float(s.gyro_max.max()) < SMALLEST_RANGE_DEG_S
 
 
 def usual_force(s: Survey) -> float:

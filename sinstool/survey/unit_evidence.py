@@ -9,7 +9,7 @@ import numpy as np
 from sinstool.core import rotation
 from sinstool.core.order_statistics import median
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
-from sinstool.methods.alignment.still import WINDOW_NS, Windows
+from sinstool.methods.alignment.still import UNITS, WINDOW_NS, Windows
 
 # Two readings of the gyro are distinguished where they predict tilts that differ by this much.
 TELLING_RAD = 0.1
@@ -19,7 +19,7 @@ TELLING_SHARE = 0.6
 PIECE, SHORTEST_PIECE = 40, 20
 # Rates in the wrong unit keep the mean specific force of pieces from being gravity by more than
 # this share of it, and so many times as badly as those in the right one, which keep it to a share;
-# turns that are faster than windows resolve keep it with neither.
+# a gyro that saturates, or a rocket, keeps it with neither.
 LEAST_MISFIT = 0.06
 WORSE, KEPT = 3.0, 0.15
 # Where both keep it as well as an accelerometer with a bias can, misfits differ by less than this.
@@ -29,6 +29,10 @@ RADIANS_SCALE = 7.5
 # Half-second means of rates of this size, RMS, are those of vehicles that turn about. In deg/s they
 # would be those of one that hardly does.
 LIVELY_RAD_S = 0.7
+# Means of this size, rad/s, RMS, are those of a spin that few vehicles have: 290 deg/s.
+SPINNING_RAD_S = 5.0
+# So many windows that turn most evenly show a bias, if the vehicle ever rests.
+QUIETEST = 4
 # No IMU measures 100 rad/s (5 700 deg/s); many reach 100 deg/s.
 MAX_RATE_RAD_S = 100.0
 
@@ -80,22 +84,21 @@ def unit_evidence(windows: Windows) -> UnitEvidence:
     In windows half a second apart the direction of the mean specific force turns by what the
     gyro measured, as far as the vehicle does not accelerate. Where it does, be it for minutes as
     an aircraft that circles, what remains is that over twenty seconds its velocity changes little:
-    turned by the right rates, the mean specific force of all of them is gravity.
+    turned by the right rates, sample by sample, the mean specific force of all of them is gravity.
 
     Parameters
     ----------
     windows : Windows
         With rates read as rad/s.
     """
-    size = np.linalg.norm(windows.accel, axis=1)
-    nonzero = size > 0
-    usable = (np.diff(windows.start_ns) == WINDOW_NS) & nonzero[:-1] & nonzero[1:]
+    follows = np.diff(windows.start_ns) == WINDOW_NS
+    direction, force = _direction(windows.accel), _direction(windows.force)
+    nonzero = np.logical_and.reduce([direction.any(axis=1), np.abs(force).max(axis=(0, 2)) > 0.0])
+    usable = follows & nonzero[:-1] & nonzero[1:]
     if not usable.any():
         return UnitEvidence()
-    direction = windows.accel / np.where(size > 0, size, 1.0)[:, None]
     turn = 0.5 * (windows.gyro[:-1] + windows.gyro[1:])[usable] * (WINDOW_NS / 1e9)
     before, after = direction[:-1][usable], direction[1:][usable]
-    as_radians = _turned(before, turn)
     as_degrees = _turned(before, turn * DEGREE)
 
     said, done = as_degrees - before, after - before
@@ -106,59 +109,60 @@ def unit_evidence(windows: Windows) -> UnitEvidence:
         # a direction moves in two dimensions
         sigma = float(np.sqrt(np.sum((done - scale * said) ** 2) / (2 * len(said)) / power))
 
-    telling = np.linalg.norm(as_radians - as_degrees, axis=1) > TELLING_RAD
-    better = np.linalg.norm(after - as_degrees, axis=1) < np.linalg.norm(after - as_radians, axis=1)
+    telling = np.linalg.norm(_turned(before, turn) - as_degrees, axis=1) > TELLING_RAD
+    # By every sample, as a body may turn far within a window
+    back = rotation.conjugate(windows.turn[:, :-1][:, usable])
+    left = rotation.rotate(back, force[:, :-1][:, usable]) - force[:, 1:][:, usable]
+    by_radians, by_degrees = np.linalg.norm(left, axis=2)
+    better = by_degrees < by_radians
     count = int(np.count_nonzero(telling))
     share = float(np.mean(better[telling])) if count else 0.0
     rate = float(np.sqrt(np.mean(np.sum(windows.gyro**2, axis=1))))
-    radians, degrees = _misfits(windows, (1.0, DEGREE))
+    radians, degrees = _misfits(windows)
     return UnitEvidence(scale, sigma, count, share, radians, degrees, rate)
 
 
-def _misfits(windows: Windows, units: tuple[float, ...]) -> list[float]:
-    """How far the size of the mean specific force of pieces of a log is from that of gravity.
+def _direction(force: np.ndarray) -> np.ndarray:
+    """Unit vectors; 0 where there is no force."""
+    size = np.linalg.norm(force, axis=-1, keepdims=True)
+    return force / np.where(size > 0.0, size, 1.0)
 
-    Parameters
-    ----------
-    units : tuple of float
-        Of the rates, rad/s.
+
+def _misfits(windows: Windows) -> list[float]:
+    """How far the size of the mean specific force of pieces of a log is from that of gravity.
 
     Returns
     -------
     list of float
-        Share of gravity, RMS of the pieces, for each unit; NaN where no piece is long enough. Of
-        that with the rates as they are, with their mean taken off, and with that across the
-        specific force: without a bias, with one, and with one of a vehicle that turns.
+        Share of gravity, RMS of the pieces, for rates in rad/s and in deg/s; NaN where no piece is
+        long enough. Of that with the rates as they are, less those of the quietest windows, less
+        their mean, and less that across the specific force: without a bias, with one that a rest
+        shows, with one, and with one of a vehicle that turns.
     """
     length = min(PIECE, len(windows))
     first = np.arange(0, len(windows) - length + 1, max(length, 1))
     last = first + length - 1
     first = first[windows.start_ns[last] - windows.start_ns[first] == (length - 1) * WINDOW_NS]
     if length < SHORTEST_PIECE or not len(first):
-        return [np.nan] * len(units)
+        return [np.nan, np.nan]
     axis = windows.accel.mean(axis=0)
     axis /= max(float(np.linalg.norm(axis)), 1e-9)
     mean = windows.gyro.mean(axis=0)
     usual = float(median(np.linalg.norm(windows.accel, axis=1)))
     gravity = usual if accel_looks_like_g(usual) else STANDARD_GRAVITY
     rows = first[:, None] + np.arange(length)
+    quiet = np.argsort(windows.gyro_std)[: max(QUIETEST, len(windows) // 50)]
+    rest = windows.gyro[quiet].mean(axis=0)
+    biases = np.array([np.zeros(3), rest, mean, mean - axis * (mean @ axis)])
     # By unit and bias: what is computed for all of them at once is called for once
-    turns = rotation.exp(
-        np.array(
-            [
-                [
-                    unit * (windows.gyro - bias)[rows] * (WINDOW_NS / 1e9)
-                    for bias in (np.zeros(3), mean, mean - axis * (mean @ axis))
-                ]
-                for unit in units
-            ]
-        )
-    )
-    q = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*turns.shape[:3], 4))
-    force = np.zeros((*turns.shape[:3], 3))
+    back = rotation.exp(np.array(UNITS)[:, None, None] * biases * (-WINDOW_NS / 1e9))
+    turns = rotation.multiply(windows.turn[:, None, rows], back[:, :, None, None])
+    forces = np.broadcast_to(windows.force[:, None, rows], (*turns.shape[:-1], 3))
+    q = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (2, len(biases), len(first), 4))
+    force = np.zeros((2, len(biases), len(first), 3))
     for k in range(length):
+        force += rotation.rotate(q, forces[..., k, :]) / length
         q = rotation.multiply(q, turns[..., k, :])
-        force += rotation.rotate(q, windows.accel[first + k]) / length
     size = np.linalg.norm(force, axis=-1)
     misfits = np.sqrt(np.mean((size / gravity - 1.0) ** 2, axis=-1))
     return [float(least) for least in misfits.min(axis=-1)]
@@ -185,6 +189,15 @@ def turns_like_degrees(evidence: UnitEvidence) -> bool:
         and e.scale > 2.0 * e.sigma
         and e.scale + 3.0 * e.sigma < RADIANS_SCALE
     )
+
+
+def spins_untold(evidence: UnitEvidence) -> bool:
+    """Whether rates in rad/s would be those of a fast spin, and gravity shows nothing of it.
+
+    A spin about the vertical leaves gravity where it is in the body, however fast it is.
+    """
+    e = evidence
+    return SPINNING_RAD_S < e.rate < np.inf and not e.misfit_degrees > WORSE * e.misfit_radians
 
 
 def gyro_looks_like_degrees(evidence: UnitEvidence, gyro_max: np.ndarray) -> bool:

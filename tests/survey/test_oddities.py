@@ -201,6 +201,33 @@ def test_deg_s_that_would_be_usual_rates_in_rad_s_are_questioned_and_not_refused
     assert "add --gyro-unit deg/s" in odd.answer
 
 
+def test_gyros_that_saturate_where_none_does_in_deg_s_are_in_rad_s(findings_of):
+    """Flips of an acrobatic drone beyond 450 deg/s; what a gyro cuts off keeps no gravity."""
+    gyro, accel = resting(12_000)
+    bell = (2.0 * np.pi / 0.6) * (1.0 - np.cos(2.0 * np.pi * np.arange(120) / 120.0))
+    for k, first in enumerate(range(400, 11_600, 800)):
+        gyro[first : first + 120, k % 2] += bell
+    times = even_times(len(gyro))
+    odd = findings_of(imu_messages(times, np.clip(gyro, -7.854, 7.854), accel))["gyro-unit"]
+    assert not is_fatal(odd) and "saturate at 7.85" in odd.text
+    # in deg/s it would be far beyond
+    degrees = np.clip(gyro, -7.854, 7.854) * 180.0 / np.pi
+    assert is_fatal(findings_of(imu_messages(times, degrees, accel))["gyro-unit"])
+
+
+@pytest.mark.parametrize(("rate", "told"), [(0.7, False), (40.0, True)])
+def test_a_spin_about_the_vertical_whose_unit_nothing_shows_is_questioned(findings_of, rate, told):
+    gyro, accel = resting(8000)
+    gyro[400:, 2] += rate
+    rows = imu_messages(even_times(8000), gyro, accel)
+    findings = findings_of(rows)
+    assert ("gyro-unit" in findings) is told
+    if told:
+        assert not is_fatal(findings["gyro-unit"])
+        assert "shows as little" in findings["gyro-unit"].text
+    assert "gyro-unit" not in findings_of(rows, gyro_unit="rad/s")
+
+
 def test_rates_too_large_for_rad_s_say_so(findings_of):
     gyro, accel = resting(1000)
     gyro[100:900, 2] = 400.0  # a turntable in deg/s: gravity does not turn
@@ -215,6 +242,14 @@ def test_g(rows, findings_of):
     assert findings_of(rows, accel_unit="g") == {}
     answer = findings_of(rows, accel_unit="m/s^2")["accel-unit"]
     assert not is_fatal(answer) and "as specified" in answer.text
+
+
+@pytest.mark.parametrize("factor", [1e3 / G, 100.0])
+def test_mg_and_cm_s2_are_refused(rows, findings_of, factor):
+    rows.accel *= factor
+    odd = findings_of(rows)["accel-unit"]
+    assert is_fatal(odd) and "mg or cm/s^2" in odd.text
+    assert "accel-unit" not in findings_of(rows, accel_unit="m/s^2")
 
 
 def test_both_units_wrong_are_both_named(rows, findings_of):

@@ -77,6 +77,27 @@ def multirotor(seed, count=20_000):
     return gyro, thrust
 
 
+def dancer(seed, count=30_000):
+    """Upright, leaning by some 15 degrees, and turning at up to 30 rad/s for a second or two."""
+    rng = np.random.default_rng(seed)
+    window = np.hanning(201) / np.sqrt(np.sum(np.hanning(201) ** 2))
+    lean = np.array([np.convolve(rng.standard_normal(count + 200), window, "valid") for _ in "ab"])
+    rate, first = np.zeros(count), 400
+    while first < count - 1000:
+        length = int(rng.uniform(0.6, 2.5) * RATE)
+        peak = rng.choice([-1.0, 1.0]) * rng.uniform(6.0, 30.0)
+        rate[first : first + length] = peak * np.sin(np.linspace(0.0, np.pi, length)) ** 2
+        first += length + int(rng.uniform(0.3, 3.0) * RATE)
+    heading = np.cumsum(rate) / RATE
+    angles = np.stack([heading, 0.2 * lean[0], 0.2 * lean[1]], axis=1)
+    turned = Rotation.from_euler("ZYX", angles)
+    gyro = RATE * (turned[:-1].inv() * turned[1:]).as_rotvec()
+    gyro = np.vstack([gyro[:1], gyro]) + 0.01 * rng.standard_normal((count, 3))
+    sway = 2.0 * np.sin(2.0 * np.pi * 0.7 * np.arange(count) / RATE)
+    moved = np.stack([sway, np.roll(sway, 150), np.full(count, G)], axis=1)
+    return gyro, turned.inv().apply(moved) + 0.05 * rng.standard_normal((count, 3))
+
+
 MOTIONS = {
     **{f"hand {s}": lambda s=s: handheld(8000, seed=s)[:2] for s in range(6)},
     **{f"quick hand {s}": lambda s=s: handheld(8000, seed=s, size=6.0)[:2] for s in range(3)},
@@ -87,6 +108,8 @@ MOTIONS = {
     "tumbling": lambda: handheld(8000, seed=9, size=15.0, slowness_s=2.0)[:2],
     **{f"vehicle {s}": lambda s=s: vehicle(s) for s in range(3)},
 }
+# Turns that are over within half a second
+QUICK = {f"dancer {s}": lambda s=s: dancer(s) for s in range(4)}
 # Motions of which gravity does not show the unit; rates beyond any sensor's still may.
 MUTE = {
     **{
@@ -106,11 +129,13 @@ def saturated(gyro):
     return np.clip(gyro, -limit, limit)
 
 
-@pytest.mark.parametrize("name", [*MOTIONS, *MUTE])
+@pytest.mark.parametrize("name", [*MOTIONS, *MUTE, *QUICK])
 def test_rates_in_rad_s_are_left_alone(name):
-    gyro, accel = {**MOTIONS, **MUTE}[name]()
+    gyro, accel = {**MOTIONS, **MUTE, **QUICK}[name]()
     assert not judge(gyro, accel)[0]
-    if "spin" not in name:  # at half its rate a steady spin is another motion altogether
+    if (
+        "spin" not in name and name not in QUICK
+    ):  # at half its rate a steady spin is another motion altogether
         assert not judge(saturated(gyro), accel)[0]
     bias = np.array([0.077, -0.05, 0.03])  # 4.4 deg/s
     assert not judge(gyro + bias, accel)[0]
@@ -125,6 +150,12 @@ def test_rates_in_deg_s_are_found(name):
     assert 0.2 < evidence.scale < 1.5
     if "vehicle" not in name:
         assert judge(saturated(gyro / DEGREE), accel)[0]
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_quick_turns_in_deg_s_are_found(name):
+    gyro, accel = QUICK[name]()
+    assert judge(gyro / DEGREE, accel)[0]
 
 
 def test_one_flip_does_not_make_a_multirotor_one_in_degrees():

@@ -11,7 +11,9 @@ from math import comb, dist, sqrt
 
 import numpy as np
 
-from sinstool.core.parts import kernel
+from sinstool.core.arrays import FloatArray
+from sinstool.core.parts import kernel, part
+from sinstool.core.quaternion_kernels import EXACT, dcm, increment_quaternion, product
 from sinstool.core.units import DEGREE
 
 WINDOW_NS = 500_000_000
@@ -29,11 +31,14 @@ MEAN_SIGMAS = 4.0
 # A steady mean rate, rad/s, beyond the zero-rate offset of all but the worst gyros.
 STEADY_TURN = 10.0 * DEGREE
 MIN_SAMPLES = 4
+LONGEST_STEP_S = 0.2  # between samples that turns are integrated over
 MIN_WINDOWS = 2
 
 # Columns of a window row
-_INDEX, _COUNT, _MEAN, _SQUARES, _CHANGES = 0, 1, 2, 8, 14
-WIDTH = 20
+_INDEX, _COUNT, _MEAN, _SQUARES, _CHANGES, _TURNED = 0, 1, 2, 8, 14, 20
+WIDTH = 34
+# Of rates in rad/s, and of those that are read as such and are in deg/s
+UNITS = (1.0, DEGREE)
 # Of white noise the differences of this order have so many times the variance. They leave out what
 # lasts for longer than some samples, as motion does.
 ORDER = 6
@@ -55,6 +60,11 @@ class Windows:
     gyro_fast, accel_fast : ndarray, shape (n,)
         The same of what changes from sample to sample only: noise, without motion. NaN where there
         are too few samples.
+    turn : ndarray, shape (2, n, 4)
+        Quaternions of the rotation from the beginning of each to its end, by every sample; if
+        rates are in rad/s, and if they are in deg/s.
+    force : ndarray, shape (2, n, 3)
+        Mean specific force in the axes that the body then had at the beginning, m/s^2.
     """
 
     start_ns: np.ndarray
@@ -65,6 +75,8 @@ class Windows:
     accel_std: np.ndarray
     gyro_fast: np.ndarray
     accel_fast: np.ndarray
+    turn: np.ndarray
+    force: np.ndarray
 
     def __len__(self) -> int:
         return len(self.start_ns)
@@ -75,6 +87,7 @@ class WindowStage:
 
     def __init__(self) -> None:
         self._origin: int | None = None
+        self._last: int | None = None
         self._open = np.zeros(WIDTH)
         # Differences of each order up to the last, and how many samples they are of
         self._differences, self._samples = np.zeros((ORDER, 6)), np.zeros(1, np.int64)
@@ -93,8 +106,14 @@ class WindowStage:
         if self._origin is None:
             self._origin = int(time_ns[0])
         index = (time_ns - self._origin) // WINDOW_NS
+        # What a sample before a gap measured is not what happened in it
+        seconds = np.diff(time_ns, prepend=time_ns[0] if self._last is None else self._last) * 1e-9
+        self._last = int(time_ns[-1])
+        seconds[seconds > LONGEST_STEP_S] = 0.0
         rows = np.empty((len(time_ns) + 1, WIDTH))
-        closed = _accumulate(index, gyro, accel, self._open, rows, self._differences, self._samples)
+        closed = _accumulate(
+            index, seconds, gyro, accel, self._open, rows, self._differences, self._samples
+        )
         if closed:
             self._closed.append(rows[:closed].copy())
 
@@ -106,7 +125,8 @@ class WindowStage:
         rows = np.concatenate(parts) if parts else np.empty((0, WIDTH))
         count = rows[:, _COUNT : _COUNT + 1]
         variance = rows[:, _SQUARES:_CHANGES] / np.maximum(count - 1.0, 1.0)
-        changes = rows[:, _CHANGES:] / (_OF_DIFFERENCES * count)
+        turned = rows[:, _TURNED:].reshape(-1, len(UNITS), 7).swapaxes(0, 1)
+        changes = rows[:, _CHANGES:_TURNED] / (_OF_DIFFERENCES * count)
         changes[np.cumsum(count) <= 2 * ORDER] = np.nan
         return Windows(
             (self._origin or 0) + rows[:, _INDEX].astype(np.int64) * WINDOW_NS,
@@ -117,6 +137,8 @@ class WindowStage:
             np.sqrt(variance[:, 3:].sum(axis=1)),
             np.sqrt(changes[:, :3].sum(axis=1)),
             np.sqrt(changes[:, 3:].sum(axis=1)),
+            turned[:, :, :4],
+            turned[:, :, 4:] / np.maximum(count, 1.0),
         )
 
 
@@ -232,7 +254,7 @@ def lead_in(spans: list[StillSpan], first_ns: int) -> StillSpan | None:
 
 
 @kernel()
-def _accumulate(index, gyro, accel, state, rows, differences, samples):  # type: ignore[no-untyped-def]
+def _accumulate(index, seconds, gyro, accel, state, rows, differences, samples):  # type: ignore[no-untyped-def]
     """Welford sums per window; closed windows go to ``rows``, the open one stays in ``state``."""
     closed = 0
     for i in range(index.shape[0]):
@@ -241,8 +263,14 @@ def _accumulate(index, gyro, accel, state, rows, differences, samples):  # type:
                 rows[closed, a] = state[a]
                 state[a] = 0.0
             closed += 1
+        if state[1] == 0:
+            state[20] = state[27] = 1.0
         state[0] = index[i]
         state[1] += 1.0
+        half = 0.5 * seconds[i]
+        x, y, z = half * gyro[i, 0], half * gyro[i, 1], half * gyro[i, 2]
+        _turn(state, 20, x, y, z, accel, i)
+        _turn(state, 27, DEGREE * x, DEGREE * y, DEGREE * z, accel, i)
         for a in range(6):
             value = gyro[i, a] if a < 3 else accel[i, a - 3]
             delta = value - state[2 + a]
@@ -256,3 +284,20 @@ def _accumulate(index, gyro, accel, state, rows, differences, samples):  # type:
                 state[14 + a] += value * value
         samples[0] += 1
     return closed
+
+
+@part()
+def _turn(
+    state: FloatArray, first: int, x: float, y: float, z: float, accel: FloatArray, i: int
+) -> None:
+    """Turn the axes by twice a vector, rad, and add the force that is felt half-way."""
+    dw, dx, dy, dz = increment_quaternion(x, y, z, EXACT)
+    qw, qx, qy, qz = state[first], state[first + 1], state[first + 2], state[first + 3]
+    qw, qx, qy, qz = product(qw, qx, qy, qz, dw, dx, dy, dz)
+    c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(qw, qx, qy, qz)
+    fx, fy, fz = accel[i, 0], accel[i, 1], accel[i, 2]
+    state[first + 4] += c00 * fx + c01 * fy + c02 * fz
+    state[first + 5] += c10 * fx + c11 * fy + c12 * fz
+    state[first + 6] += c20 * fx + c21 * fy + c22 * fz
+    qw, qx, qy, qz = product(qw, qx, qy, qz, dw, dx, dy, dz)
+    state[first], state[first + 1], state[first + 2], state[first + 3] = qw, qx, qy, qz

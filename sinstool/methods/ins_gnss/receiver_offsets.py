@@ -24,7 +24,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,6 +41,9 @@ LATENCY_S = 0.2
 
 ARM_SURE_M, ARM_UNKNOWN_M = 0.1, 2.0
 """A lever arm is measured to a decimetre; one that is not given is within a couple of metres."""
+
+ARM_USUAL_M = 1.0
+"""So far is an antenna usually from the IMU, 1 sigma, where the log leaves open where it is."""
 
 MAX_SIGMA_S = 0.05
 """A latency that is not known to this is as good as not known."""
@@ -62,6 +65,9 @@ _AGREE_S, _AGREE, _APART_S = 1e-3, 0.2, 0.01
 _ROUNDS = 8
 _NEAR_S = 0.02
 _MOST_SLOPE = 0.5  # of the estimate by the latency used
+# A latency is not as likely as another if -2 log likelihood is so much more; others are looked for
+# in steps of so many seconds.
+_WORSE, _STEP_S = 9.0, 0.05
 # For the spread of an estimate that follows the latency used: at most so much of it, shown by
 # latencies at least so many sigmas apart, which are tried where sigma is beyond so many seconds.
 _MOST_FOLLOWED, _WIDE, _TRIED_S = 0.9, 1.0, 5e-3
@@ -87,6 +93,10 @@ class ReceiverOffsets:
         by for each of them, rad.
     misfit : float
         Innovations squared that are left, over what the filter expects, of the fixes used.
+    square, rows : float
+        The same of the innovations as they are, and how many numbers they are.
+    given : bool
+        Whether somebody said where the antenna is.
     spread : float
         By how much less certain the latency is than its covariance says, see :func:`settle`.
     """
@@ -98,6 +108,9 @@ class ReceiverOffsets:
     arm_off_sigma_b: FloatArray
     turned: FloatArray
     misfit: float = 1.0
+    square: float = 1.0
+    rows: float = 1.0
+    given: bool = True
     spread: float = 1.0
 
     @property
@@ -120,6 +133,39 @@ class ReceiverOffsets:
         shown = (np.abs(off) > BEYOND * sigma) & (sigma < 0.5 * ARM_UNKNOWN_M)
         return float(np.linalg.norm(off[shown])) > LEAST_ARM_M
 
+    @property
+    def arm_shown(self) -> bool:
+        """Whether the log shows where an antenna is of which nobody said that."""
+        sigma = self.arm_off_sigma_b
+        far = np.abs(self.arm_off_b) > BEYOND * sigma
+        return not self.given and bool(np.any(far & (sigma < 0.5 * ARM_UNKNOWN_M)))
+
+    @property
+    def arm_elsewhere_b(self) -> FloatArray | None:
+        """The arm to look for more about, where the log shows that it is not the one assumed."""
+        return self.arm_b if self.arm_contradicts or self.arm_shown else None
+
+    def used_at(self, arm_b: ArrayLike) -> ReceiverOffsets:
+        """The same beside an arm in use, which, along axes that the log hardly shows, is usual.
+
+        Parameters
+        ----------
+        arm_b : array_like, shape (3,)
+            In use, m; nobody gave it.
+        """
+        information = np.linalg.inv(self.covariance)
+        more = 1.0 / ARM_USUAL_M**2 - 1.0 / ARM_UNKNOWN_M**2
+        covariance = np.linalg.inv(information + np.diag([0.0, more, more, more]))
+        both = covariance @ information @ [self.latency_s, *self.arm_b]
+        return replace(
+            self,
+            latency_s=float(both[0]),
+            arm_b=both[1:],
+            covariance=covariance,
+            arm_off_b=both[1:] - np.asarray(arm_b),
+            arm_off_sigma_b=np.sqrt(np.diag(covariance)[1:]),
+        )
+
     def latency_contradicts(self, latency_s: float) -> bool:
         """Whether the log shows that a latency, s, which was given for certain is wrong."""
         return self.latency.differs_from(latency_s, LEAST_LATENCY_S, LATENCY_BEYOND)
@@ -127,7 +173,7 @@ class ReceiverOffsets:
     def error_of(self, latency_s: float, configured: bool) -> FloatArray:
         """Second moments of the errors of the latency and arm used, of s and m, shape (4, 4).
 
-        An arm, and a latency that was given, are right unless the log contradicts them.
+        An arm or a latency that was given is right unless the log contradicts it.
 
         Parameters
         ----------
@@ -136,7 +182,7 @@ class ReceiverOffsets:
         configured : bool
             For certain, by the user.
         """
-        doubted = np.full(4, self.arm_contradicts)
+        doubted = np.full(4, not self.given or self.arm_contradicts)
         doubted[0] = not configured or self.latency_contradicts(latency_s)
         off = np.array([self.latency_s - latency_s, *self.arm_off_b])
         scale = np.array([self.sigma_s / np.sqrt(self.covariance[0, 0]), 1.0, 1.0, 1.0])
@@ -159,6 +205,7 @@ def estimate_offsets(
     parts: Iterable[Increments],
     gnss: GnssEpochs,
     assumed_b: ArrayLike | None = None,
+    given: bool = True,
 ) -> ReceiverOffsets | None:
     """Latency and lever arm near those of the settings.
 
@@ -176,7 +223,9 @@ def estimate_offsets(
     gnss : GnssEpochs
         In order of their stamps.
     assumed_b : array_like, shape (3,), optional
-        The arm assumed, where it is not that of the settings; 0, 0, 0 counts as not given.
+        The arm assumed, where it is not that of the settings.
+    given : bool, optional
+        Whether somebody said that it is there.
 
     Returns
     -------
@@ -192,8 +241,12 @@ def estimate_offsets(
     free, covariance, misfit = _solved(scores, here, usual, ARM_UNKNOWN_M)
     off, sigma = free[1:] - assumed, np.sqrt(np.diag(covariance)[1:])
     turned = scores.turned.mean(axis=0)
-    answer = ReceiverOffsets(float(free[0]), free[1:], covariance, off, sigma, turned, misfit)
-    if not assumed.any() or answer.arm_contradicts:
+    rows = float(scores.rows.sum())
+    square = float(scores.nis.sum()) / rows
+    answer = ReceiverOffsets(
+        float(free[0]), free[1:], covariance, off, sigma, turned, misfit, square, rows, given
+    )
+    if not given or answer.arm_contradicts:
         return answer
     near, covariance, _ = _solved(scores, here, usual, ARM_SURE_M)
     return replace(answer, latency_s=float(near[0]), arm_b=near[1:], covariance=covariance)
@@ -245,7 +298,7 @@ def settle(
             slope = (offsets.latency_s - before[1]) / (used - before[0])
         before = used, offsets.latency_s
         following = used + step / (1.0 - min(max(slope, 0.0), _MOST_SLOPE))
-        arm_b = offsets.arm_b if offsets.arm_contradicts else None
+        arm_b = offsets.arm_elsewhere_b
         result = evaluate(following, arm_b, gated)
         if gated and (result is None or not result.observable):
             # From a bad start nearly all are left out, of which none is bad
@@ -259,8 +312,7 @@ def settle(
     if agrees and offsets.sigma_s > _TRIED_S:
         wide = _WIDE * offsets.sigma_s
         if max(abs(used - latency) for latency, _ in seen) < wide:
-            arm_b = offsets.arm_b if offsets.arm_contradicts else None
-            other = evaluate(used + 2.0 * wide, arm_b, gated)
+            other = evaluate(used + 2.0 * wide, offsets.arm_elsewhere_b, gated)
             if other is not None:
                 seen.append((used + 2.0 * wide, other.latency_s))
         latency, estimate = max(seen, key=lambda pair: abs(used - pair[0]))
@@ -274,6 +326,80 @@ def settle(
         half = 0.5 * float(np.ptp(tried))
         offsets = replace(offsets, spread=max(half / offsets.sigma_s, 1.0))
     return used, offsets, agrees
+
+
+def likeliest(
+    evaluate: Callable[[float, FloatArray | None], ReceiverOffsets | None],
+    tried: Sequence[float],
+    arm_b: FloatArray | None,
+) -> tuple[float, ReceiverOffsets] | None:
+    """The latency with which innovations are least, where estimates lead away from it.
+
+    Parameters
+    ----------
+    evaluate : callable
+        Takes a latency, s, and an arm (None: the one assumed), and returns
+        :func:`estimate_offsets` about them, all else being equal.
+    tried : sequence of float
+        Latencies, s, the last of which is the answer of :func:`settle`.
+    arm_b : ndarray, shape (3,), optional
+        The arm with which to try them.
+
+    Returns
+    -------
+    used_s : float
+        None instead of both where the last one is as likely as the others.
+    offsets : ReceiverOffsets
+        With that latency, and how well its likelihood alone shows it.
+
+    Notes
+    -----
+    Scores are without bias if innovations are white. Those of a filter that takes its sensors for
+    too noisy follow each other, and go with the noise of the velocity that they are held against.
+    What they are as a whole shows a latency however that may be, if less sharply.
+    """
+    cost: dict[float, float] = {}
+    found: dict[float, ReceiverOffsets] = {}
+
+    def judge(latency: float) -> bool:
+        """Whether that can be had."""
+        shown = evaluate(latency, arm_b)
+        if shown is not None:
+            cost[latency], found[latency] = shown.square * shown.rows, shown
+        return shown is not None
+
+    if not all(judge(latency) for latency in tried):
+        return None
+    best = min(cost, key=cost.__getitem__)
+    if cost[tried[-1]] - cost[best] < _WORSE:
+        return None
+    for _ in range(_ROUNDS):
+        below = max((x for x in cost if x < best), default=best - _STEP_S)
+        above = min((x for x in cost if x > best), default=best + _STEP_S)
+        following = below if below not in cost else above
+        if below in cost and above in cost:
+            bend, following = _parabola([(x, cost[x]) for x in (below, best, above)])
+            if abs(following - best) < _AGREE * np.sqrt(2.0 / bend):
+                break
+        if not judge(following):
+            return None
+        best = min(cost, key=cost.__getitem__)
+    else:
+        return None
+    shown = found[best]
+    # Innovations that are larger than the filter expects make everything that much less certain
+    sigma = max(float(np.sqrt(2.0 * max(shown.misfit, 1.0) / bend)), shown.sigma_s)
+    scale = np.array([sigma / np.sqrt(shown.covariance[0, 0]), 1.0, 1.0, 1.0])
+    covariance = shown.covariance * np.outer(scale, scale)
+    return best, replace(shown, latency_s=following, covariance=covariance)
+
+
+def _parabola(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Second derivative of the parabola through three points, and where it is least."""
+    (a, fa), (b, fb), (c, fc) = points
+    left, right = (fb - fa) / (b - a), (fc - fb) / (c - b)
+    bend = max(2.0 * (right - left) / (c - a), 1e-9)
+    return bend, 0.5 * (a + b) - left / bend
 
 
 def _solved(

@@ -389,7 +389,7 @@ def _settings(
         sigma_stop=None if options.sigma_stop is None else options.sigma_stop * DEGREE,
         gnss_sigma_v=gnss.gnss_sigma_v,
         gnss_latency_s=gnss.gnss_latency or 0.0,
-        lever_arm_b=gnss.lever_arm,
+        lever_arm_b=gnss.lever_arm or (0.0, 0.0, 0.0),
         grade=errors,
         kappa=options.kappa,
         refine=options.refine == "kf",

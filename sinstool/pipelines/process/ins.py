@@ -167,7 +167,9 @@ def start(
         )
     latitude, longitude = latitude * DEGREE, longitude * DEGREE
     if config.align.latitude is None:  # that of the antenna
-        north, east, down = rotate(alignment.q_nb, np.array(config.gnss.lever_arm))
+        north, east, down = rotate(
+            alignment.q_nb, np.array(config.gnss.lever_arm or (0.0, 0.0, 0.0))
+        )
         height += float(down)
         if alignment.north_referenced:
             where = displaced(latitude, longitude, height, -north, -east)

@@ -74,7 +74,7 @@ def filter_settings(
             schmidt_epsilon=options.schmidt_epsilon,
             restart_after=options.restart_after,
         ),
-        lever_arm_b=config.gnss.lever_arm,
+        lever_arm_b=config.gnss.lever_arm or (0.0, 0.0, 0.0),
     )
 
 

@@ -16,7 +16,11 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height.reference import HeightReference
-from sinstool.methods.ins_gnss.receiver_offsets import LATENCY_S, ReceiverOffsets
+from sinstool.methods.ins_gnss.receiver_offsets import (
+    ARM_USUAL_M,
+    LATENCY_S,
+    ReceiverOffsets,
+)
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart
 from sinstool.pipelines.process.summary import FirstAttitude
@@ -72,6 +76,8 @@ class FilterStart:
         Latency and arm as the log shows them; None before it was asked, or with too few fixes.
     latency_status : {'given', 'found', 'not settled', 'not observable'}
         ``given`` by the user; ``not settled`` where what the log shows is not what is used.
+    arm_status : {'given', 'found', 'open'}
+        The lever arm: given by the user, as the log shows it, or 0 as neither says where it is.
     lag : float
         By which velocities are taken to be stamped later than positions, s.
     warnings : tuple of str
@@ -117,6 +123,7 @@ class FilterStart:
     gnss_why: str
     warnings: tuple[str, ...]
     white: WhiteNoise | None = None
+    arm_status: str = "given"
     noisier: tuple[float, float] = (1.0, 1.0)
     velocity_noise: tuple[float, float] = (np.nan, np.nan)
     noisier_velocity: tuple[float, float] = (1.0, 1.0)
@@ -193,12 +200,25 @@ class FilterStart:
     def offsets_error(self) -> FloatArray:
         """Second moments of the errors of the latency and lever arm used, of s and m, (4, 4).
 
-        A latency that nobody gave and that the log does not show is as uncertain as latencies are.
+        What nobody gave and the log does not show is as uncertain as latencies and arms are. An arm
+        matters where fixes are better than it is known.
         """
         configured = self.latency_status == "given"
+        arm = 0.0 if self.arm_status == "given" else ARM_USUAL_M**2
+        moment = np.diag([0.0 if configured else LATENCY_S**2, arm, arm, arm])
         if self.offsets is not None:
-            return self.offsets.error_of(self.settings.gnss_latency, configured)
-        return np.diag([0.0 if configured else LATENCY_S**2, 0.0, 0.0, 0.0])
+            moment = self.offsets.error_of(self.settings.gnss_latency, configured)
+        contradicted = self.offsets is not None and self.offsets.arm_contradicts
+        matters = np.trace(moment[1:, 1:]) > 3.0 * self.fix_sigma_m**2
+        if self.arm_status == "open" and not (matters or contradicted):
+            moment[1:], moment[:, 1:] = 0.0, 0.0
+        return moment
+
+    @property
+    def fix_sigma_m(self) -> float:
+        """Of one horizontal axis of a fix, with the slow part of its errors."""
+        noise = self.settings.gnss
+        return float(np.hypot(noise.position_white[0], noise.position_markov[0]))
 
     @property
     def first_attitude(self) -> FirstAttitude:

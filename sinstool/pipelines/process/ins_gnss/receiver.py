@@ -188,9 +188,10 @@ def with_measured_noise(
 def with_white_velocity(
     start: FilterStart, gnss: GnssEpochs, config: ProcessConfig, measured: tuple[float, float]
 ) -> FilterStart:
-    """A start with the white noise of velocities that a log shows, where that is more.
+    """A start with the white noise of velocities that a log shows, where that is more than usual.
 
-    What the receiver or an option says holds unless it is clearly too little.
+    What the receiver or an option says holds unless it is clearly too little: what is left of it
+    beside the white noise lasts.
 
     Parameters
     ----------
@@ -208,6 +209,13 @@ def with_white_velocity(
     known = stated | (config.gnss.gnss_sigma_v != USUAL_SIGMA_V)
     noisier = white > np.where(known, TOO_LITTLE * whole, usual)
     start = replace(start, velocity_noise=measured)
+    shown = known & np.isfinite(white) & ~noisier
+    share = np.clip(np.where(shown, white, usual), usual, whole)
+    lasts = np.maximum(np.sqrt(np.square(whole) - np.square(share)), LEAST_SLOW * whole)
+    lasts = np.where(share > usual, lasts, before.velocity_markov)
+    usual = np.sqrt(np.square(whole) - np.square(lasts))
+    before = replace(before, velocity_white=_triple(usual), velocity_markov=_triple(lasts))
+    start = replace(start, settings=replace(start.settings, gnss=before))
     if not noisier.any():
         return start
     white = np.where(noisier, white, usual)

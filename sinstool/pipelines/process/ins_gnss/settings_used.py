@@ -51,10 +51,15 @@ def notes(
             f" stamps (sigma {start.offsets.sigma_s:.4f} s), as the log shows; --gnss-latency"
             " overrides this",
         )
+    moment = start.offsets_error
     if start.latency_status != "given":
-        noise = np.hypot(settings.gnss.position_white, settings.gnss.position_markov)
-        sigma = float(np.sqrt(start.offsets_error[0, 0]))
-        findings += late_or_early(largest_m, sigma, float(noise[0]))
+        sigma = float(np.sqrt(moment[0, 0]))
+        findings += late_or_early(largest_m, sigma, start.fix_sigma_m)
+    arm_sigma = np.sqrt(np.diag(moment)[1:])
+    if start.arm_status == "found":
+        findings.append(_arm_used(settings.lever_arm_b, arm_sigma))
+    elif start.arm_status == "open" and arm_sigma.max() > WORSE_THAN_FIXES * start.fix_sigma_m:
+        findings.append(_arm_open(arm_sigma))
     if start.lag != 0.0 and config.filter.gnss_velocity_lag is None:
         note(
             "velocity-lag-used",
@@ -93,6 +98,36 @@ def late_or_early(largest_m: float, sigma_s: float, fix_sigma_m: float) -> list[
             numbers={"sigma_s": sigma_s, "position_m": largest_m},
         )
     ]
+
+
+def _arm_used(arm_b: tuple[float, float, float], sigma: np.ndarray) -> Finding:
+    """An antenna of which nobody said where it is, where the log shows it."""
+    x, right, down = arm_b
+    known = ", ".join(f"{value:.2f}" for value in sigma)
+    return Finding(
+        "lever-arm-used",
+        f"the antenna is taken to be {x:.2f} m forward, {right:.2f} m right and {down:.2f} m down"
+        f" of the IMU (+- {known}), as fixes move with the vehicle's turns; the sigmas of the"
+        " solution include what is not known of it",
+        answer="give --lever-arm if you know it",
+        numbers={"forward_m": x, "right_m": right, "down_m": down},
+    )
+
+
+def _arm_open(sigma: np.ndarray) -> Finding:
+    """An antenna of which neither anybody nor the log says where it is, beside good fixes."""
+    known = ", ".join(f"{value:.2g}" for value in sigma)
+    return Finding(
+        "lever-arm-uncertain",
+        f"the log shows the antenna's place to {known} m only (forward, right, down; 1 sigma), and"
+        " positions are uncertain by as much, however good the fixes are",
+        answer="give --lever-arm (0,0,0 if the antenna is at the IMU)",
+        numbers={
+            "forward_m": float(sigma[0]),
+            "right_m": float(sigma[1]),
+            "down_m": float(sigma[2]),
+        },
+    )
 
 
 def about_options(

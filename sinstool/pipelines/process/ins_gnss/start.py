@@ -131,10 +131,9 @@ def timed(
     here, gnss = to_align_as(config, first.grade), source.aiding.gnss
 
     def begin(latency: float, arm_b: np.ndarray | None) -> FilterStart:
-        timed = replace(first.settings, gnss_latency=latency)
-        if arm_b is not None:
-            x, y, z = arm_b.tolist()
-            timed = replace(timed, lever_arm_b=(x, y, z))
+        x, y, z = np.asarray(config.gnss.lever_arm or np.zeros(3) if arm_b is None else arm_b)
+        arm = float(x), float(y), float(z)
+        timed = replace(first.settings, gnss_latency=latency, lever_arm_b=arm)
         found = find_start(source, here, timed, StartFixes.of(first.used, timed.gnss))
         start = start_in_longest(source, config, replace(first.at(found), settings=timed))
         start = with_likeliest(source, config, algorithm, start, start)

@@ -24,7 +24,12 @@ from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import outlying, velocity_lag, worse_than_usual
-from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
+from sinstool.methods.ins_gnss.receiver_offsets import (
+    ReceiverOffsets,
+    estimate_offsets,
+    likeliest,
+    settle,
+)
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, WhiteNoise
@@ -53,6 +58,9 @@ LAG_SIGMAS = 6.0
 # Assumed while positions at wrong times must not spoil the biases.
 LOOSE_POSITION = (5.0, 5.0, 8.0)
 LOOSE_VELOCITY = (0.3, 0.3, 0.5)
+# An arm that nobody gave is used where the estimate about it is within so many of its sigmas of it,
+# after at most so many steps, and -2 log likelihood is less by so much than without.
+ARM_AGREES, ARM_ROUNDS, ARM_GAIN = 1.0, 4, 16.0
 # Epochs that show the white noise of fixes.
 LEAST_EPOCHS = 40
 
@@ -81,7 +89,7 @@ def with_offsets(
     begin : callable
         Makes a start with another latency, s, and the arm assumed (None) or another, m.
     """
-    assumed, assumed_b = first.settings.gnss_latency, first.settings.lever_arm_b
+    assumed, stated_b = first.settings.gnss_latency, config.gnss.lever_arm
     begun = {assumed: first}
 
     def begun_at(latency: float) -> FilterStart:
@@ -95,8 +103,7 @@ def with_offsets(
 
     def evaluate(latency: float, arm_b: np.ndarray | None, gated: bool) -> ReceiverOffsets | None:
         try:
-            alone = arm_b is None or latency == assumed
-            start = begun_at(latency) if alone else begin(latency, arm_b)
+            start = begun_at(latency) if arm_b is None else begin(latency, arm_b)
         except AlignmentError:  # with the fixes moved so far no start is seen
             return None
         motion = motion_from(source, config, algorithm, start.time_ns)
@@ -106,42 +113,98 @@ def with_offsets(
         if not gated:
             settings = replace(settings, control=replace(settings.control, gate_probability=1.0))
             fixes = fixes.rows(~outlying(fixes))
-        shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b)
+        assumed_b, given = stated_b or np.zeros(3), stated_b is not None
+        shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b, given)
         if shown is not None and not gated:
             tried.append((latency, shown))
         return shown
 
     used, offsets, agrees = settle(evaluate, assumed)
-    if _doubtful(tried, assumed_b):
+    at_first = tried[0][1].square if tried else 0.0
+    if _doubtful(tried):
         least = tried[-1][1].misfit
         tried.clear()
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
         if tried and tried[-1][1].misfit < least:
             used, offsets, agrees = other
+    # A start with a wrong latency may have an attitude with which no other explains the fixes
+    no_better = bool(tried) and tried[-1][1].square > at_first
+    if offsets is not None and abs(used - assumed) > LEAST_S and no_better:
+        same = _with_same_start(source, config, algorithm, first)
+        likelier = likeliest(same, (assumed, used), offsets.arm_elsewhere_b)
+        if likelier is not None:
+            used, offsets = likelier
+            agrees = offsets.observable
+    start, status = first, "not observable"
     if config.gnss.gnss_latency is not None:
-        return replace(first, offsets=offsets, latency_status="given")
-    if offsets is None or not offsets.observable:
-        return replace(first, offsets=offsets)
-    status = "found" if agrees else "not settled"
-    start = first
-    if used != assumed and not (
-        agrees and not offsets.latency.differs_from(assumed, LEAST_S, USED)
-    ):
-        try:
-            start = begun_at(used)
-        except AlignmentError:  # better a start with a latency that is contradicted than none
-            status = "not settled"
-    return replace(start, offsets=offsets, latency_status=status)
+        status = "given"
+    elif offsets is not None and offsets.observable:
+        status = "found" if agrees else "not settled"
+        if used != assumed and not (
+            agrees and not offsets.latency.differs_from(assumed, LEAST_S, USED)
+        ):
+            try:
+                start = begun_at(used)
+            except AlignmentError:  # better a start with a latency that is contradicted than none
+                status = "not settled"
+    start = replace(start, offsets=offsets, latency_status=status)
+    if stated_b is not None:
+        return start
+    return _with_arm(source, config, algorithm, start, evaluate, begin)
 
 
-def _doubtful(
-    tried: list[tuple[float, ReceiverOffsets]], arm_b: tuple[float, float, float]
-) -> bool:
-    """Whether estimates about these latencies, s, and an arm, m, may have led astray."""
+def _with_arm(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    evaluate: Callable[[float, FloatArray | None, bool], ReceiverOffsets | None],
+    begin: Callable[[float, np.ndarray | None], FilterStart],
+) -> FilterStart:
+    """A start with the arm that the log shows, where it does, as nobody gave one."""
+    latency, shown = start.settings.gnss_latency, start.offsets
+    start = replace(start, arm_status="open")
+    if shown is None:
+        return start
+    start = replace(start, offsets=shown.used_at(np.zeros(3)))
+    if not shown.arm_shown:
+        return start
+    arm_b = shown.used_at(np.zeros(3)).arm_b
+    for _ in range(ARM_ROUNDS):
+        about = evaluate(latency, arm_b, False)
+        if about is None or not about.arm_shown:
+            return start
+        offsets = about.used_at(arm_b)
+        if np.all(np.abs(offsets.arm_off_b) < ARM_AGREES * offsets.arm_off_sigma_b):
+            break
+        arm_b = offsets.arm_b
+    else:
+        return start
+    try:
+        begun = begin(latency, arm_b)
+    except AlignmentError:
+        return start
+    same = _with_same_start(source, config, algorithm, begun)
+    before, after = same(latency, np.zeros(3)), same(latency, arm_b)
+    if before is None or after is None:
+        return start
+    gain = before.square * before.rows - after.square * after.rows
+    if gain < ARM_GAIN * max(after.misfit, 1.0):
+        return start
+    return replace(
+        begun,
+        offsets=replace(offsets, spread=shown.spread),
+        latency_status=start.latency_status,
+        arm_status="found",
+    )
+
+
+def _doubtful(tried: list[tuple[float, ReceiverOffsets]]) -> bool:
+    """Whether estimates about these latencies, s, may have led astray."""
     if not tried:
         return False
     last = tried[-1][1]
-    if last.misfit > MISFIT or (any(arm_b) and last.arm_contradicts):
+    if last.misfit > MISFIT or (last.given and last.arm_contradicts):
         return True
     for (before, shown), (latency, follows) in pairwise(tried):
         change = follows.latency_s - shown.latency_s
@@ -152,21 +215,42 @@ def _doubtful(
     return False
 
 
+def _with_same_start(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
+) -> Callable[[float, FloatArray | None], ReceiverOffsets | None]:
+    """What is shown about a latency, s, and an arm (None: the one in use), all else being equal.
+
+    Another start has other noise and other errors, which likelihoods would have to be held against.
+    """
+    motion = motion_from(source, config, algorithm, first.time_ns)
+    fixes = first.used.rows(~outlying(first.used))
+    control, stated_b = replace(first.settings.control, gate_probability=1.0), config.gnss.lever_arm
+
+    def about(latency: float, arm_b: FloatArray | None) -> ReceiverOffsets | None:
+        if motion is None:
+            return None
+        x, y, z = np.asarray(first.settings.lever_arm_b if arm_b is None else arm_b).tolist()
+        settings = replace(
+            first.settings, control=control, gnss_latency=latency, lever_arm_b=(x, y, z)
+        )
+        assumed_b, given = stated_b or np.zeros(3), stated_b is not None
+        return estimate_offsets(first.start, settings, [motion], fixes, assumed_b, given)
+
+    return about
+
+
 def _likeliest_latency(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> float:
     """Latency about which offsets explain the fixes best, s, of `LATENCIES` and those near it."""
-    motion = motion_from(source, config, algorithm, first.time_ns)
-    fixes = first.used.rows(~outlying(first.used))
-    control = replace(first.settings.control, gate_probability=1.0)
-    if motion is None:
-        return first.settings.gnss_latency
+    about = _with_same_start(source, config, algorithm, first)
 
     def misfit(latency: float) -> float:
-        settings = replace(first.settings, control=control, gnss_latency=latency)
-        shown = estimate_offsets(first.start, settings, [motion], fixes)
+        shown = about(latency, None)
         return np.inf if shown is None else shown.misfit
 
+    if about(first.settings.gnss_latency, None) is None:
+        return first.settings.gnss_latency
     best = min(LATENCIES.tolist(), key=misfit)
     return min((best + NEARER).tolist(), key=misfit)
 

@@ -194,14 +194,16 @@ def test_fixes_are_as_noisy_as_they_show_and_no_less_than_the_receiver_says(
 
 
 @pytest.mark.parametrize(
-    ("noise", "groups", "expected"),
+    ("noise", "groups", "expected", "said"),
     [
-        (0.4, {}, 0.4),
-        (0.02, {}, 0.05),  # the usual white part
-        (0.4, {"gnss": {"gnss_sigma_v": 0.4}}, 0.447 * 0.44),  # as the option says
+        (0.4, {}, 0.4, True),
+        (0.02, {}, 0.05, False),  # the usual white part
+        (0.4, {"gnss": {"gnss_sigma_v": 0.4}}, 0.4, False),  # in all as the option says: 0.44
     ],
 )
-def test_velocities_without_covariance_are_as_noisy_as_they_show(tmp_path, noise, groups, expected):
+def test_velocities_without_covariance_are_as_noisy_as_they_show(
+    tmp_path, noise, groups, expected, said
+):
     """Of 0.3 m/s in a receiver that says nothing, taken for 0.11, most fixes were rejected."""
     data = record(
         drive(4, 150.0, 10.0), GRADES["industrial"], 4, sigma=0.2, sigma_v=noise, latency=0.1
@@ -211,7 +213,9 @@ def test_velocities_without_covariance_are_as_noisy_as_they_show(tmp_path, noise
     start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss=gnss)
     assert start.settings.gnss.velocity_white[:2] == pytest.approx(2 * [expected], rel=0.25)
     assert start.settings.gnss_latency == pytest.approx(0.1, abs=0.04)
-    assert ("velocities vary by" in start.gnss_why) == (expected == 0.4)
+    assert ("velocities vary by" in start.gnss_why) == said
+    whole = np.hypot(start.settings.gnss.velocity_white, start.settings.gnss.velocity_markov)
+    assert said or whole[:2] == pytest.approx(2 * [0.44 if groups else 0.11], rel=0.02)
     assert not any("velocities are" in text for text in start.warnings)
     # What a receiver claims is enlarged in the same way, and said
     stated = np.full((len(start.gnss), 3), 0.05)
@@ -221,6 +225,17 @@ def test_velocities_without_covariance_are_as_noisy_as_they_show(tmp_path, noise
     after = with_white_velocity(before, claims, ProcessConfig(), (noise, noise))
     assert after.noisier_velocity == pytest.approx(2 * [max(noise / 0.05, 1.0)], rel=0.1)
     assert after.gnss.sigma_velocity_n == pytest.approx(max(noise, 0.05), rel=0.1)
+    # All of what it claims may be white, though no log shows that nothing lasts
+    measured = ((0.05, 0.05), (0.06, 0.03), (0.01, np.nan))
+    for shown, (level, down) in zip(
+        measured, ((1.0, 1.0), (1.0, 0.6), (0.447, 0.447)), strict=True
+    ):
+        model = with_white_velocity(before, claims, ProcessConfig(), shown).settings.gnss
+        expected = 0.05 * np.array([level, level, down])
+        assert model.velocity_white == pytest.approx(expected, rel=0.02)
+        assert np.hypot(model.velocity_white, model.velocity_markov) == pytest.approx(
+            0.05, rel=1e-3
+        )
 
 
 def test_positions_without_covariance_are_as_noisy_as_they_show(tmp_path):
