@@ -115,7 +115,9 @@ class _Aiding:
         epochs = split_position_velocity(inflate_sigmas(gnss, config), lag)
         withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
         fixes = StartFixes.of(epochs.rows(~withheld), model)
-        return cls(model, gnss_why, lag, epochs, withheld, fixes, *barometer(source, config))
+        reference, remarks = barometer(source, config)
+        remarks = [*remarks, *_leapt(gnss)]
+        return cls(model, gnss_why, lag, epochs, withheld, fixes, reference, remarks)
 
 
 def _start_as(
