@@ -316,7 +316,10 @@ def explain_residuals(solution: Solution, segment: Segment) -> str:
     )
     difference = difference * pairs.scale[:, None, None]
     target = solution.residuals.reshape(-1)
-    best, text = 0.5 * float(target @ target), "check latency, lever arm, units and outliers"
+    best, text = (
+        0.5 * float(target @ target),
+        "check latency, lever arm, units, outliers and the Imu's grade",
+    )
     for part in (slice(0, 1), slice(1, 4)):
         columns = difference[:, :, part].reshape(len(target), -1)
         fit = np.linalg.lstsq(columns, target, rcond=None)[0]
