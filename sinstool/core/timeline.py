@@ -259,6 +259,7 @@ def means_with_lost(blocks: Iterable[Imu], nominal_ns: float, max_gap_ns: int) -
 
     A mean says nothing of the interval before its own. What a lost one was lies between its
     neighbours: taken for the one behind it, it would turn a gyro that rocks by more than its noise.
+    Where a stamp is only late, the interval before it or behind it is shorter by as much.
 
     Parameters
     ----------
@@ -268,25 +269,42 @@ def means_with_lost(blocks: Iterable[Imu], nominal_ns: float, max_gap_ns: int) -
         That interval.
     max_gap_ns : int
         What counts as a gap, behind which a mean is that of its own interval.
+
+    Yields
+    ------
+    Imu
+        All samples; blocks end a sample earlier than they came.
     """
-    last: Imu | None = None
+    past: Imu | None = None  # two samples that were given out, and one that was not
     for block in blocks:
-        joined = block if last is None else concatenate([last, block])
-        last = block.rows(slice(len(block) - 1, None))
-        step = np.diff(joined.time_ns)
-        late = np.flatnonzero((step > LOST_INTERVALS * nominal_ns) & (step <= max_gap_ns))
-        if not len(late):
-            yield block
-            continue
-        lost = np.rint(step[late] / nominal_ns)[:, None] - 1.0
-        rows = late + 1 - (len(joined) - len(block))
-        means = []
-        for values, own in ((joined.gyro, block.gyro), (joined.accel, block.accel)):
-            before, after = values[late], values[late + 1]
-            own = own.copy()
-            own[rows] = (after + 0.5 * lost * (before + after)) / (1.0 + lost)
-            means.append(own)
-        yield replace(block, gyro=means[0], accel=means[1])
+        known = block if past is None else concatenate([past, block])
+        given = 0 if past is None else len(past) - 1
+        past = known.rows(slice(max(len(known) - 3, 0), None))
+        if len(known) - 1 > given:
+            yield _with_lost(known, slice(given, len(known) - 1), nominal_ns, max_gap_ns)
+    if past is not None:
+        yield _with_lost(past, slice(len(past) - 1, None), nominal_ns, max_gap_ns)
+
+
+def _with_lost(known: Imu, which: slice, nominal_ns: float, max_gap_ns: int) -> Imu:
+    """Some rows of samples, of which those after a lost one are means of both intervals."""
+    step = np.diff(known.time_ns)
+    two = np.append(step[:-1] + step[1:], max_gap_ns) > (LOST_INTERVALS + 1.0) * nominal_ns
+    lone = (step > LOST_INTERVALS * nominal_ns) & (step <= max_gap_ns)
+    late = np.flatnonzero(lone & two & np.append(True, two[:-1])[: len(step)])
+    late = late[late + 1 >= which.start]
+    rows = known.rows(which)
+    late = late[late + 1 < which.start + len(rows)]
+    if not len(late):
+        return rows
+    lost = np.rint(step[late] / nominal_ns)[:, None] - 1.0
+    means = []
+    for values in (known.gyro, known.accel):
+        own = values[which].copy()
+        before, after = values[late], values[late + 1]
+        own[late + 1 - which.start] = (after + 0.5 * lost * (before + after)) / (1.0 + lost)
+        means.append(own)
+    return replace(rows, gyro=means[0], accel=means[1])
 
 
 def _begun(blocks: Iterable[Imu]) -> Iterator[Imu]:
