@@ -257,9 +257,10 @@ def mean_rates(
 def means_with_lost(blocks: Iterable[Imu], nominal_ns: float, max_gap_ns: int) -> Iterator[Imu]:
     """Mean rates, of which one that comes after a lost sample is that of both intervals.
 
-    A mean says nothing of the interval before its own. What a lost one was lies between its
-    neighbours: taken for the one behind it, it would turn a gyro that rocks by more than its noise.
-    Where a stamp is only late, the interval before it or behind it is shorter by as much.
+    A mean says nothing about the interval before its own. The lost mean is taken to lie half-way
+    between its neighbours: with the value of the sample behind it, a vehicle that rocks would seem
+    to turn by more than the noise of good gyros. If a stamp is only late, the interval before or
+    behind it is shorter by as much, and nothing is lost.
 
     Parameters
     ----------

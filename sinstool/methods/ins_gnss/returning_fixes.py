@@ -1,8 +1,9 @@
 """The first fixes after an outage, held against those that follow them.
 
-When fixes come back, a navigation is so uncertain that its filter takes the first of them wherever
-it is, and is thrown off by a bad one: with its small sigma, what comes next is turned down. Fixes
-that follow know better, as a vehicle does not leap.
+When fixes come back after an outage, the navigation is so uncertain that the filter's gate passes
+the first of them wherever it is. If that one is bad, the filter is far off with a small sigma, and
+rejects the good fixes that follow. These show what the first should have been, since a vehicle
+cannot leap.
 """
 
 from __future__ import annotations

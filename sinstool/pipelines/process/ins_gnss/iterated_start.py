@@ -1,11 +1,12 @@
 """A first attitude about which a filter is nearly linear: that of its own smoother.
 
-A filter that begins with an attitude tens of degrees off is linear about it, and takes its turn to
-the true one for what it was not: it believes to have seen tilts apart from biases, which no motion
-so far shows. The smoothed attitude at the start is nearer to the truth; a filter that begins there,
-with the same sigmas, is linear about the truth. That is the iterated smoother of Bell (1994), a
-method of Gauss and Newton, which ends where a step changes little. The attitude before, which is
-worth less than a minute of fixes, counts once more with each step.
+A filter that begins with an attitude tens of degrees off is linearised about that wrong attitude.
+As it turns to the true one, it gains information about tilts and biases that the motion does not
+hold, and its sigmas are too small from then on. The smoothed attitude at the start is nearer to the
+truth, and a filter that begins there, with the same sigmas, is linearised about the truth. That is
+the iterated smoother of Bell (1994), a Gauss-Newton method, which ends where a step changes little.
+The attitude that was there first counts once more with each step; it is worth less than a minute of
+fixes.
 
 References
 ----------
@@ -54,8 +55,8 @@ def iterated(begun: FilterStart, motion: Increments | None) -> Start:
     Returns
     -------
     Start
-        With the same sigmas; the same altogether where a filter that begins with it is nearly
-        linear, too few fixes follow, or no other attitude makes these as likely.
+        With the same sigmas. It is the start that was given where the smoothed attitude is close to
+        it, where too few fixes follow, or where the steps make the fixes clearly less likely.
     """
     start = begun.start
     if motion is None:
