@@ -101,20 +101,13 @@ def outlying(gnss: GnssEpochs) -> BoolArray:
     """
     bad = np.zeros(len(gnss), dtype=np.bool_)
     rows = np.flatnonzero(gnss.has_position)
-    sigma = gnss.sigma_position_n[rows, :2]
-    stated = float(median(sigma[np.isfinite(sigma)])) if np.isfinite(sigma).any() else 0.0
+    stated = stated_sigma(gnss.rows(rows))
     # Outliers one after the other leave one at a time
     for _ in range(OUTLIER_ROUNDS):
         at = rows[~bad[rows]]
         if len(at) < LEAST_FIXES:
             break
-        seconds = (gnss.time_ns[at] - gnss.time_ns[at[0]]) * 1e-9
-        north, east = horizontal_metres(
-            gnss.latitude[at] - gnss.latitude[at[0]],
-            wrapped(gnss.longitude[at] - gnss.longitude[at[0]]),
-            gnss.latitude[at[0]],
-        )
-        place = np.stack([north, east, np.nan_to_num(gnss.height[at])], axis=1)
+        seconds, place = track_of(gnss.rows(at))
         before, after = np.diff(seconds)[:-1], np.diff(seconds)[1:]
         part = (before / (before + after))[:, None]
         off = np.linalg.norm(place[1:-1] - (1.0 - part) * place[:-2] - part * place[2:], axis=1)
@@ -125,6 +118,23 @@ def outlying(gnss: GnssEpochs) -> BoolArray:
             break
         bad[at[1:-1][peak]] = True
     return bad
+
+
+def track_of(gnss: GnssEpochs) -> tuple[FloatArray, FloatArray]:
+    """Seconds, shape (n,), and places, shape (n, 3): north, east, m, from the first, and height."""
+    seconds = (gnss.time_ns - gnss.time_ns[0]) * 1e-9
+    north, east = horizontal_metres(
+        gnss.latitude - gnss.latitude[0],
+        wrapped(gnss.longitude - gnss.longitude[0]),
+        gnss.latitude[0],
+    )
+    return seconds, np.stack([north, east, np.nan_to_num(gnss.height)], axis=1)
+
+
+def stated_sigma(gnss: GnssEpochs) -> float:
+    """What a receiver usually says of a horizontal axis of its positions, m; 0: nothing."""
+    sigma = gnss.sigma_position_n[:, :2]
+    return float(median(sigma[np.isfinite(sigma)])) if np.isfinite(sigma).any() else 0.0
 
 
 def _slopes(

@@ -10,12 +10,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.earth import horizontal_metres
+from sinstool.core.arrays import FloatArray
 from sinstool.core.order_statistics import median
-from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs
-from sinstool.methods.ins_gnss.fix_velocity import LEAST_FIXES, MOST_TURN, OUTLYING
+from sinstool.methods.ins_gnss.fix_velocity import (
+    LEAST_FIXES,
+    MOST_TURN,
+    OUTLYING,
+    stated_sigma,
+    track_of,
+)
 
 # Fixes that stay away so long, s, come back after an outage; within so long of one another they
 # show where a vehicle goes.
@@ -41,14 +45,8 @@ def leaps(gnss: GnssEpochs) -> FloatArray:
     rows = np.flatnonzero(gnss.has_position)
     if len(rows) < LEAST_FIXES:
         return off
-    seconds = (gnss.time_ns[rows] - gnss.time_ns[rows[0]]) * 1e-9
-    north, east = horizontal_metres(
-        gnss.latitude[rows] - gnss.latitude[rows[0]],
-        wrapped(gnss.longitude[rows] - gnss.longitude[rows[0]]),
-        gnss.latitude[rows[0]],
-    )
-    place = np.stack([north, east, np.nan_to_num(gnss.height[rows])], axis=1)
-    noise = _noise(gnss, rows, seconds, place)
+    seconds, place = track_of(gnss.rows(rows))
+    noise = max(_scatter(seconds, place), stated_sigma(gnss.rows(rows)))
     for first in np.flatnonzero(np.diff(seconds, prepend=-np.inf) > OUTAGE_S):
         last = first + FIRST + FOLLOWING
         t, p = seconds[first:last], place[first:last]
@@ -67,14 +65,12 @@ def leaps(gnss: GnssEpochs) -> FloatArray:
     return off
 
 
-def _noise(gnss: GnssEpochs, rows: IntArray, seconds: FloatArray, place: FloatArray) -> float:
-    """What usual fixes are off the line through the next two, or as much as is stated, m."""
+def _scatter(seconds: FloatArray, place: FloatArray) -> float:
+    """What usual fixes are off the line through the next two, m."""
     before, after = np.diff(seconds)[:-1], np.diff(seconds)[1:]
     ratio = (before / after)[:, None]
     off = np.linalg.norm(place[:-2] - place[1:-1] + ratio * (place[2:] - place[1:-1]), axis=1)
-    sigma = gnss.sigma_position_n[rows, :2]
-    stated = float(median(sigma[np.isfinite(sigma)])) if np.isfinite(sigma).any() else 0.0
-    return max(float(median(off)), stated)
+    return float(median(off))
 
 
 def _leap(t: FloatArray, p: FloatArray, k: int, near: int, next_: int) -> tuple[float, float]:

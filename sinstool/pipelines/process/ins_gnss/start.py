@@ -13,9 +13,11 @@ from sinstool.core.errors import AlignmentError
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import LOW_COST, SensorGrade, as_if_aligned, next_worse
+from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 from sinstool.pipelines.process.ins_gnss.contradictions import compare_with_log
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
+    has_scales,
     imu_stated,
     receiver_stated,
 )
@@ -309,26 +311,30 @@ def _calibrated(
     if judged is None or (judged.grade == start.grade.grade and judged.uncalibrated is None):
         return first, start, drift, fits
     log_choice("IMU grade", f"{judged.grade}, {judged.why}")
-    if judged.grade == start.grade.grade:
-        # Aligned as such a one already
-        why = f"{start.grade.why}; {judged.why}"
-        judged = replace(judged, why=why)
-        other = as_graded(source, config, start, judged)
-        other = _less_level(other, fits.sensors(judged.grade), other.settings.imu)
-        other, drift = _as_quiet_as_in_motion(source, config, algorithm, other)
-        fits = GradeFits(source, config, algorithm, other, drift.factors())
-        return replace(first, grade=judged), other, drift, fits
-    try:
-        begun = _begun_as(source, config, first, judged, start.lag)
-        other = timed(source, config, algorithm, begun)
-    except AlignmentError:
-        # Too uncertain for a start as such an Imu. What it is, innovations say all the same
-        before = start.grade.grade
-        begun = regraded(source, config, first, replace(judged, aligned_as=before))
-        other = timed(source, config, algorithm, begun)
-        other = _less_level(other, fits.sensors(before), other.settings.imu)
+    first, other = _as_judged(source, config, algorithm, first, start, judged)
     other, drift = _as_quiet_as_in_motion(source, config, algorithm, other)
-    return begun, other, drift, GradeFits(source, config, algorithm, other, drift.factors())
+    return first, other, drift, GradeFits(source, config, algorithm, other, drift.factors())
+
+
+def _as_judged(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    first: FilterStart,
+    start: FilterStart,
+    judged: ImuGrade,
+) -> tuple[FilterStart, FilterStart]:
+    """A first start and a start with an Imu that innovations have judged."""
+    before = start.grade.grade
+    if judged.grade != before:
+        with suppress(AlignmentError):
+            begun = _begun_as(source, config, first, judged, start.lag)
+            return begun, timed(source, config, algorithm, begun)
+    # Aligned as such a one already, or too uncertain for a start as such a one
+    judged = replace(judged, why=f"{start.grade.why}; {judged.why}", aligned_as=before)
+    other = as_graded(source, config, start, judged)
+    aligned = imu_noise(config, before, has_scales(config))
+    return replace(first, grade=judged), _less_level(other, aligned, other.settings.imu)
 
 
 def _less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> FilterStart:
