@@ -21,9 +21,12 @@ _BINS = int((_HIGH - _LOW) / _STEP) + 1
 _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_LISTED = 1000
 # Columns: see `_extremes`
-_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, 0.0, 0.0, 0.0, 0.0]
+_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, *[0.0] * 7]
 # Values are just below the largest if so many steps below it at most.
 NEAR_STEPS = 8.0
+# A calibration spreads the end of a range by so much, as a fraction of the largest value; how many
+# values are usual there is seen in as many below it.
+CROWD, BELOW_CROWD = 0.98, 0.90
 # Orientations are kept for so long, one of each window, to be held against the other sensors.
 ORIENTED_NS = 20_000_000_000
 
@@ -182,7 +185,9 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
 
     Columns of ``state``: largest magnitude, longest run at it, present run, last value, smallest
     step from one value to another, values at the largest magnitude and just below it, and, of all
-    others, how many there are and how many differ from the one before.
+    others, how many there are and how many differ from the one before. Then values above `CROWD`
+    of the largest, of those below as many as are above `BELOW_CROWD`, and how often the first were
+    reached.
     """
     held = 0
     for i in range(gyro.shape[0]):
@@ -202,6 +207,9 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
             size = abs(value)
             near = NEAR_STEPS * state[a, 4]
             if size > state[a, 0]:
+                if state[a, 0] < CROWD * size:
+                    many = state[a, 9] if state[a, 0] >= BELOW_CROWD * size else 0.0
+                    state[a, 9], state[a, 10], state[a, 11] = 0.0, many, 0.0
                 # What was the largest is below it now: just below, or one of the others
                 if size <= state[a, 0] + near:
                     state[a, 6] += state[a, 5]
@@ -223,5 +231,11 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
                     state[a, 7] += 1.0
                     if step > 0.0:
                         state[a, 8] += 1.0
+            if size >= CROWD * state[a, 0]:
+                state[a, 9] += 1.0
+                if not abs(state[a, 3]) >= CROWD * state[a, 0]:
+                    state[a, 11] += 1.0
+            elif size >= BELOW_CROWD * state[a, 0]:
+                state[a, 10] += 1.0
             state[a, 3] = value
     return held

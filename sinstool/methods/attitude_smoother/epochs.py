@@ -33,9 +33,8 @@ WIDTH = 43
 # What an epoch is. It does not turn where it is quiet, nor accelerate where it is steady, nor move
 # at rest.
 MOVING, QUIET, STEADY, AT_REST = range(4)
-# Three samples on end at the largest rate of an axis are a gyro at its stop.
+# So many samples on end at the largest rate of an axis are a gyro at its stop.
 STOP_RUN = 3
-STOP_SHARE = 0.997
 # A vehicle's way turns with its axes as a mean over so many epochs, which their wobble is not in.
 WAY_TURNS = 25
 # A turn as long and as fast as this (s, rad/s) looks like a gyro's bias, unless a rest shows that.
@@ -96,7 +95,7 @@ class EpochStage:
     max_gap_ns : int
         Longest interval that is no gap.
     stops : ndarray, shape (3,)
-        Rates at which the gyros stop, rad/s; infinite where they do not.
+        Rates from which on the gyros are at their stops, rad/s; infinite where they have none.
     sample_rate : float, optional
         Of the solutions, Hz, whatever their stamps say; but for gaps.
     point_samples : bool, optional
@@ -117,7 +116,7 @@ class EpochStage:
         self._point_samples = point_samples
         self._max_gap_s = max_gap_ns / SECOND
         self._interval = 0.0 if sample_rate is None else 1.0 / sample_rate
-        self._stops = np.asarray(stops, np.float64) * STOP_SHARE
+        self._stops = np.asarray(stops, np.float64)
         self._omega_in_n = np.zeros(3) if omega_in_n is None else np.asarray(omega_in_n, np.float64)
         self._origin: int | None = None
         self._open = np.zeros(WIDTH)

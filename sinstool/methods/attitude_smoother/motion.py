@@ -9,7 +9,7 @@ from math import exp, log, sqrt
 import numpy as np
 
 from sinstool.core.threads import executor
-from sinstool.methods.attitude_smoother.epochs import Epochs, merged
+from sinstool.methods.attitude_smoother.epochs import SATURATED, Epochs, merged
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.model import (
     EPOCH_S,
@@ -51,6 +51,8 @@ LONGER: tuple[int, ...] = (1, SECOND, 20, 100)
 # A vehicle goes where it points if that is so many times as likely (nat), over epochs of 4 s: in
 # shorter ones its shaking says more than its way.
 FOLLOWS_MARGIN, FOLLOWS_EPOCHS = 3.0, 20
+# Gyros are at their stops if that is so much the likelier, nat.
+STOPS_MARGIN = 5.0
 # The search is on a grid of the density's logarithm: so far from one to the next, and so many of
 # them at a time to begin with; fewer where it begins at what was found over longer epochs.
 GRID, FIRST_STEP, NEAR_STEP = 0.2, 4, 2
@@ -148,6 +150,28 @@ def find_motion(
         least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * FOLLOWER.c1))
     density = max(search.best(model, length)[0] for length in lengths)
     return Motion(model.with_density(max(VEHICLE_FACTOR * density, least)), margin, short, chosen)
+
+
+def stops_likelier(epochs: Epochs, sensors: SensorModel) -> bool:
+    """Whether gyros that may be at their stops are: gravity shows the rotation that they miss.
+
+    A motor that turns as fast as it can looks the same to a gyro, but gravity agrees with it.
+
+    Parameters
+    ----------
+    epochs : Epochs
+        With rest, and the time at what may be stops, marked.
+    sensors : SensorModel
+    """
+    if not epochs.values[:, SATURATED].any():
+        return False
+    values = epochs.values.copy()
+    values[:, SATURATED] = 0.0
+    likely = []
+    for one in (epochs, replace(epochs, values=values)):
+        search = _Search(_stretches(one), sensors)
+        likely.append(max(search.best(model, 1)[1] for model in (HAND, VEHICLE)))
+    return likely[0] > likely[1] + STOPS_MARGIN
 
 
 class _Search:

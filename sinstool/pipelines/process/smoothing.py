@@ -34,7 +34,7 @@ from sinstool.methods.attitude_smoother.model import (
     sensor_model,
     with_warming,
 )
-from sinstool.methods.attitude_smoother.motion import Motion, find_motion
+from sinstool.methods.attitude_smoother.motion import Motion, find_motion, stops_likelier
 from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, runs, with_rest
 from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.attitude_smoother.start import Prior
@@ -47,14 +47,16 @@ from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.grade import gyro_walk, largest_bias, sensor_grade
 from sinstool.survey.rest import longest_rest, moving_at
 from sinstool.survey.source import Source, nominal_interval
+from sinstool.survey.tally import CROWD
 
 # Intervals that are integrated across when gravity will put right what that leaves.
 SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
 # Sigmas of an alignment in motion are taken for so many times what they are: what it could not
 # model lasts all along.
 CAUTION = 2.0
-# A gyro that turns more slowly at its largest is not at its stop, rad/s.
-LEAST_STOP = 1.0
+# A gyro that turns more slowly at its largest is not at its stop, rad/s. It is at its stop from
+# this share of its largest rate on; where those lie close together, from the share that says so.
+LEAST_STOP, STOP_SHARE = 1.0, 0.997
 # What the survey calls still for so long, s, is a rest; a hand turns slowly for two seconds.
 LONG_REST_S = 5.0
 # The mean rate of a rest is the bias if so much of it is one.
@@ -189,14 +191,22 @@ class Smoothing:
         return out
 
     def _stops(self) -> np.ndarray:
-        """Rates at which gyros stop, rad/s; infinite where none did."""
+        """Rates from which on gyros are, or may be, at their stops, rad/s; infinite: none is."""
         survey = self._source.survey
-        return np.array(
-            [
-                rate if f"gyro {axis}" in survey.saturated and rate > LEAST_STOP else np.inf
-                for axis, rate in zip("xyz", survey.gyro_max, strict=True)
-            ]
-        ) - np.abs(self._plan.alignment.gyro_bias)
+        share = {f"gyro {axis}": np.inf for axis in "xyz"}
+        share |= dict.fromkeys(survey.crowded, CROWD) | dict.fromkeys(survey.saturated, STOP_SHARE)
+        stops = [
+            share[f"gyro {axis}"] * rate if rate > LEAST_STOP else np.inf
+            for axis, rate in zip("xyz", survey.gyro_max, strict=True)
+        ]
+        return np.array(stops) - np.abs(self._plan.alignment.gyro_bias)
+
+    def _stops_shown(self) -> bool:
+        """Whether gyros that may be at their stops are so for sure: none is of those that may."""
+        survey = self._source.survey
+        return not any(name.startswith("gyro") for name in survey.crowded) or any(
+            name.startswith("gyro") for name in survey.saturated
+        )
 
     def _gnss_speed(self) -> float | None:
         """Speed that GNSS velocities reach, m/s, but for the fastest of them."""
@@ -240,6 +250,9 @@ class Smoothing:
         # What looks like rest, before it is judged: the epochs are too many to keep them twice
         looks = seen.values[:, MARKS].copy()
         epochs, motion = self._judged(seen, looks, sensors, prior)
+        if not self._stops_shown() and not stops_likelier(epochs, sensors):
+            seen.values[:, SATURATED] = 0.0
+            epochs, motion = self._judged(seen, looks, sensors, prior)
         inside = self._bias_epochs(epochs)
         if inside.any() and np.mean(epochs.at_rest[inside]) < LEAST_REST:
             # What the mean rate of a turn is taken for is neither a bias nor, at first, a tilt
