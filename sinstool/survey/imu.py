@@ -36,7 +36,7 @@ from sinstool.io.readers.topics import ImuTopic
 from sinstool.methods.alignment.still import StillSpan, Windows, lead_in, still_spans
 from sinstool.survey.even_stamps import EvenStamps
 from sinstool.survey.orientation import OrientationFault, orientation_fault
-from sinstool.survey.tally import Tally
+from sinstool.survey.tally import CROWD, Tally
 from sinstool.survey.unit_evidence import UnitEvidence, unit_evidence
 
 BLOCK_ROWS = 16384
@@ -49,8 +49,8 @@ SATURATION_RATIO = 2.0
 HELD_RUN, CHANGING = 20, 0.5
 # Behind a calibration the values at the end of a range are not all the same, but close together: so
 # many times as many as there are below, and so many on end, in the mean of so many times. Of a sine
-# 0.8 times as many lie there.
-CROWDED, CROWDED_RUN, CROWDED_TIMES = 1.5, 3.0, 5.0
+# 0.8 times as many lie there, and the steps to them are twice those from one to another.
+CROWDED, CROWDED_RUN, CROWDED_TIMES, CROWDED_STEP = 1.5, 3.0, 3.0, 4.0
 # A clock was set back where samples alternate between two times this often for each step back.
 SET_BACK_RATIO = 10
 
@@ -120,9 +120,10 @@ class Survey:
         Smallest step from one rate of an axis to the next, rad/s; 0 where nothing changes.
     saturated : tuple of str
         Axes that stay at their largest value for several samples.
-    crowded : tuple of str
-        Other axes whose largest values lie close together, as they do at the end of a calibrated
-        sensor's range, but also where a motor turns as fast as it can.
+    gyro_stops : ndarray, shape (2, 3)
+        From what rate on, rad/s, positive or negative, each gyro may be at the end of its range:
+        where its largest values lie close together, as a calibration leaves them, but a motor that
+        turns as fast as it can makes them, too. Infinite where they do not.
     specific_force_median : float
         Median norm, m/s^2.
     lead_in : StillSpan or None
@@ -168,7 +169,7 @@ class Survey:
     accel_max: np.ndarray
     gyro_resolution: float
     saturated: tuple[str, ...]
-    crowded: tuple[str, ...]
+    gyro_stops: np.ndarray
     specific_force_median: float
     windows: Windows
     spans: tuple[StillSpan, ...]
@@ -377,11 +378,6 @@ def _conclude(
         for name, row, size in zip(names, tally.extremes, usual, strict=True)
         if _stopped(row, size)
     )
-    crowded = tuple(
-        name
-        for name, row in zip(names, tally.extremes, strict=True)
-        if name not in saturated and _crowded(row)
-    )
     constant = tally.orientation is not None and not tally.orientation_varies and tally.count > 1
     placeholder = constant and _is_identity(tally.orientation, body_axes)
     resolution = float(tally.extremes[:3, 4].min())
@@ -413,7 +409,7 @@ def _conclude(
         accel_max=tally.extremes[3:, 0].copy(),
         gyro_resolution=resolution if np.isfinite(resolution) else 0.0,
         saturated=saturated,
-        crowded=crowded,
+        gyro_stops=np.where(_crowded(tally.crowds), CROWD * tally.crowds[..., 0], np.inf),
         specific_force_median=tally.force_median(),
         windows=windows,
         spans=tuple(spans),
@@ -431,17 +427,18 @@ def _conclude(
 
 def _stopped(row: np.ndarray, usual: float) -> bool:
     """Whether the largest value of an axis is the end of its range; columns as in `Tally`."""
-    largest, run, _, _, _, at_largest, just_below, others, changed = row[:9].tolist()
+    largest, run, _, _, _, at_largest, just_below, others, changed = row.tolist()
     if run < SATURATION_RUN or at_largest <= just_below:
         return False
     return largest > SATURATION_RATIO * usual or (run >= HELD_RUN and changed > CHANGING * others)
 
 
-def _crowded(row: np.ndarray) -> bool:
-    """Whether the largest values of an axis lie close together; columns as in `Tally`."""
-    near, below, times = row[9:12].tolist()
-    often = times >= CROWDED_TIMES and near >= CROWDED_RUN * times
-    return bool(often and near > CROWDED * below)
+def _crowded(crowds: np.ndarray) -> np.ndarray:
+    """Whether the largest rates lie close together, shape (2, 3); ``crowds`` as in `Tally`."""
+    _, near, below, times, reached, inside = np.moveaxis(crowds, -1, 0)
+    often = (times >= CROWDED_TIMES) & (near >= CROWDED_RUN * times)
+    abrupt = reached * (near - times) >= CROWDED_STEP * inside * times
+    return np.asarray(often & abrupt & (near > CROWDED * below))
 
 
 def _is_identity(q_nb: np.ndarray | None, body_axes: str) -> bool:

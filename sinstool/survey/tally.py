@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sinstool.core.parts import kernel
+from sinstool.core.parts import kernel, part
 from sinstool.core.streams import Imu
 from sinstool.methods.alignment.still import WINDOW_NS, WindowStage
 
@@ -21,11 +21,11 @@ _BINS = int((_HIGH - _LOW) / _STEP) + 1
 _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_LISTED = 1000
 # Columns: see `_extremes`
-_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, *[0.0] * 7]
+_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, 0.0, 0.0, 0.0, 0.0]
 # Values are just below the largest if so many steps below it at most.
 NEAR_STEPS = 8.0
-# A calibration spreads the end of a range by so much, as a fraction of the largest value; how many
-# values are usual there is seen in as many below it.
+# A calibration spreads the end of a gyro's range by so much, as a fraction of the largest value;
+# how many values are usual there is seen in those below it.
 CROWD, BELOW_CROWD = 0.98, 0.90
 # Orientations are kept for so long, one of each window, to be held against the other sensors.
 ORIENTED_NS = 20_000_000_000
@@ -48,6 +48,7 @@ class Tally:
     offset_low: int = np.iinfo(np.int64).max
     offset_high: int = np.iinfo(np.int64).min
     extremes: np.ndarray = field(default_factory=lambda: np.tile(_NO_EXTREMES, (6, 1)))
+    crowds: np.ndarray = field(default_factory=lambda: np.zeros((2, 3, 6)))
     held: int = 0
     windows: WindowStage = field(default_factory=WindowStage)
     orientation: np.ndarray | None = None
@@ -82,7 +83,7 @@ class Tally:
         norm = np.sqrt(np.einsum("ij,ij->i", block.accel, block.accel))
         place = np.minimum(norm / _FORCE_STEP, _FORCE_BINS - 1).astype(np.int64)
         self.force += np.bincount(place, minlength=_FORCE_BINS)
-        self.held += _extremes(block.gyro, block.accel, self.extremes)
+        self.held += _extremes(block.gyro, block.accel, self.extremes, self.crowds)
         self.windows.push(times, block.gyro, block.accel)
         self._add_orientation(block)
 
@@ -177,17 +178,38 @@ class Tally:
         return (place + 0.5) * _FORCE_STEP
 
 
+@part()
+def _crowd(value, before, of):  # type: ignore[no-untyped-def]
+    """Count a value beside the largest; the columns are those of ``crowds`` in `_extremes`."""
+    if value > of[0]:
+        if of[0] < CROWD * value:
+            of[2] = of[1] if of[0] >= BELOW_CROWD * value else 0.0
+            of[1] = of[3] = of[4] = of[5] = 0.0
+        of[0] = value
+    if value >= CROWD * of[0] > 0.0:
+        of[1] += 1.0
+        if before >= CROWD * of[0]:
+            of[5] += abs(value - before)
+        else:
+            of[3] += 1.0
+            of[4] += value - before
+    elif value >= BELOW_CROWD * of[0] > 0.0:
+        of[2] += 1.0
+
+
 @kernel()
-def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
+def _extremes(gyro, accel, state, crowds):  # type: ignore[no-untyped-def]
     """Largest magnitude per axis and the longest run at it; counts repeats of all six values.
 
     A repeated sample is no measurement and makes no run longer.
 
     Columns of ``state``: largest magnitude, longest run at it, present run, last value, smallest
     step from one value to another, values at the largest magnitude and just below it, and, of all
-    others, how many there are and how many differ from the one before. Then values above `CROWD`
-    of the largest, of those below as many as are above `BELOW_CROWD`, and how often the first were
-    reached.
+    others, how many there are and how many differ from the one before.
+
+    ``crowds``, of positive and of negative rates of each axis: the largest, how many are above
+    `CROWD` of it, of those below how many are above `BELOW_CROWD`, how often the first were reached
+    from below, and the sums of these steps, and of those from one to another.
     """
     held = 0
     for i in range(gyro.shape[0]):
@@ -207,9 +229,6 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
             size = abs(value)
             near = NEAR_STEPS * state[a, 4]
             if size > state[a, 0]:
-                if state[a, 0] < CROWD * size:
-                    many = state[a, 9] if state[a, 0] >= BELOW_CROWD * size else 0.0
-                    state[a, 9], state[a, 10], state[a, 11] = 0.0, many, 0.0
                 # What was the largest is below it now: just below, or one of the others
                 if size <= state[a, 0] + near:
                     state[a, 6] += state[a, 5]
@@ -231,11 +250,8 @@ def _extremes(gyro, accel, state):  # type: ignore[no-untyped-def]
                     state[a, 7] += 1.0
                     if step > 0.0:
                         state[a, 8] += 1.0
-            if size >= CROWD * state[a, 0]:
-                state[a, 9] += 1.0
-                if not abs(state[a, 3]) >= CROWD * state[a, 0]:
-                    state[a, 11] += 1.0
-            elif size >= BELOW_CROWD * state[a, 0]:
-                state[a, 10] += 1.0
+            if a < 3:
+                _crowd(value, state[a, 3], crowds[0, a])
+                _crowd(-value, -state[a, 3], crowds[1, a])
             state[a, 3] = value
     return held

@@ -260,6 +260,24 @@ def test_saturation(tmp_path):
     assert s.saturated == ("gyro y", "accelerometer x")
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_the_end_of_a_range_behind_a_calibration(tmp_path, seed):
+    gyro, accel, _ = handheld(4000)
+    random = np.random.default_rng(seed)
+    limit = 0.6 * np.abs(gyro[:, 1]).max()
+    crooked = np.eye(3) + 4e-3 * random.standard_normal((3, 3))
+    clipped = np.column_stack([gyro[:, 0], np.clip(gyro[:, 1], -limit, limit), gyro[:, 2]])
+    times = even_times(4000)
+    s = look(imu_log(tmp_path / "a.mcap", times, clipped @ crooked.T, accel))
+    assert s.saturated == ()
+    np.testing.assert_allclose(s.gyro_stops[:, 1], 0.98 * limit, rtol=0.02)
+    s = look(imu_log(tmp_path / "b.mcap", times, gyro @ crooked.T, accel))
+    assert np.isinf(s.gyro_stops).all()
+    # A sine turns back slowly, but not as slowly as that
+    sine = gyro + np.outer(5.0 * np.sin(random.uniform(0.01, 0.1) * np.arange(4000)), [0, 1, 0])
+    assert np.isinf(look(imu_log(tmp_path / "c.mcap", times, sine, accel)).gyro_stops).all()
+
+
 def coarse(values, step=0.001):
     return np.round(values / step) * step
 

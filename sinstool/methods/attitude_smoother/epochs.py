@@ -94,8 +94,9 @@ class EpochStage:
     ----------
     max_gap_ns : int
         Longest interval that is no gap.
-    stops : ndarray, shape (3,)
-        Rates from which on the gyros are at their stops, rad/s; infinite where they have none.
+    stops : ndarray, shape (2, 3) or (3,)
+        Rates from which on the gyros are at their stops, rad/s, positive and negative ones, or both;
+        infinite where they have none.
     sample_rate : float, optional
         Of the solutions, Hz, whatever their stamps say; but for gaps.
     point_samples : bool, optional
@@ -116,7 +117,7 @@ class EpochStage:
         self._point_samples = point_samples
         self._max_gap_s = max_gap_ns / SECOND
         self._interval = 0.0 if sample_rate is None else 1.0 / sample_rate
-        self._stops = np.asarray(stops, np.float64)
+        self._stops = np.array(np.broadcast_to(stops, (2, 3)), np.float64)
         self._omega_in_n = np.zeros(3) if omega_in_n is None else np.asarray(omega_in_n, np.float64)
         self._origin: int | None = None
         self._open = np.zeros(WIDTH)
@@ -335,7 +336,7 @@ def _accumulate(
                 delta = force[i, a] - row[ACCEL + a]
                 row[ACCEL + a] += delta / row[COUNT]
                 row[ACCEL_VARIANCE + a] += delta * (force[i, a] - row[ACCEL + a])
-                if abs(omega[i, a]) >= stops[a]:
+                if omega[i, a] >= stops[0, a] or -omega[i, a] >= stops[1, a]:
                     state[6 + a] += 1.0
                     state[9 + a] += dt
                     if state[6 + a] >= STOP_RUN:

@@ -57,8 +57,8 @@ from sinstool.methods.products import add_product, product
 # Parameters of a run
 C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_WALK = range(9)
 VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, DRIFT, JUDGED_AGAIN = 9, 10, 11, 12, 13
-OMEGA, FOLLOWS = 14, 17
-PARAMETERS = 18
+OMEGA, FOLLOWS, STOP_RATE = 14, 17, 18
+PARAMETERS = 19
 # At rest the specific force is gravity alone: its noise, and that of a velocity of zero.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
@@ -78,8 +78,6 @@ DRIFTED_S = 60.0
 SWAY_LASTS = 10.0
 # In a gap the body may turn as fast as beside it, and at this rate on top, rad/s.
 GAP_RATE = 0.5
-# A saturated gyro misses this much, rad/s.
-STOP_RATE = 3.0
 DIVERGED = -1e300
 
 
@@ -199,7 +197,7 @@ def measure(
             along += (1.0 - across_more * t) / t
             across += along_more
     r = REST_DENSITY if rest else par[DENSITY]
-    missed = GRAVITY * STOP_RATE * row[SATURATED]
+    missed = GRAVITY * par[STOP_RATE] * row[SATURATED]
     variance = r * r / t + missed * missed
     if kind == STEADY:
         variance += row[FORCE_DOUBT]
@@ -401,7 +399,7 @@ def predict_state(
         f[XV + 1, 0] = GRAVITY * t
         f[XV + 2, XG] = t
         _crossed(x[V], x[V + 1], x[V + 2], f, XV)
-        missed = STOP_RATE * row[SATURATED]
+        missed = par[STOP_RATE] * row[SATURATED]
         spread = par[WALK] ** 2 * t + par[RATE_ERROR] ** 2 * row[W2] + missed * missed
         spread += row[UNEVEN]
         for i in range(3):

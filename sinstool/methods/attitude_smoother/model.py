@@ -122,6 +122,8 @@ class SensorModel:
         attitude is less certain, as far as motion has not shown the accelerometers' bias.
     gravity, gravity_walk : float
         Vertical excess of the specific force at the start, m/s^2, and its walk, m/s^2/sqrt(s).
+    stop_rate : float
+        What a gyro misses at the end of its range, rad/s.
     """
 
     angle_random_walk: float = 3e-4
@@ -138,6 +140,7 @@ class SensorModel:
     bias_removed: tuple[float, float, float] | None = None
     gravity: float = 0.2
     gravity_walk: float = 0.02
+    stop_rate: float = 0.0
 
 
 # The bias of low-cost gyros where no rest has shown it, and about the mean rate of a rest, rad/s.

@@ -9,7 +9,7 @@ from math import exp, log, sqrt
 import numpy as np
 
 from sinstool.core.threads import executor
-from sinstool.methods.attitude_smoother.epochs import SATURATED, Epochs, merged
+from sinstool.methods.attitude_smoother.epochs import Epochs, merged
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.model import (
     EPOCH_S,
@@ -51,7 +51,9 @@ LONGER: tuple[int, ...] = (1, SECOND, 20, 100)
 # A vehicle goes where it points if that is so many times as likely (nat), over epochs of 4 s: in
 # shorter ones its shaking says more than its way.
 FOLLOWS_MARGIN, FOLLOWS_EPOCHS = 3.0, 20
-# Gyros are at their stops if that is so much the likelier, nat.
+# What a gyro may miss at its stop, in ranges; that it is at its stop must be so much the likelier,
+# nat.
+MISSED = (0.1, 0.2, 0.5, 1.0)
 STOPS_MARGIN = 5.0
 # The search is on a grid of the density's logarithm: so far from one to the next, and so many of
 # them at a time to begin with; fewer where it begins at what was found over longer epochs.
@@ -152,26 +154,29 @@ def find_motion(
     return Motion(model.with_density(max(VEHICLE_FACTOR * density, least)), margin, short, chosen)
 
 
-def stops_likelier(epochs: Epochs, sensors: SensorModel) -> bool:
-    """Whether gyros that may be at their stops are: gravity shows the rotation that they miss.
+def likeliest_stop_rate(
+    epochs: Epochs, sensors: SensorModel, largest: float, surely: bool
+) -> float:
+    """What gyros miss at what are, or may be, their stops, as gravity shows it, rad/s.
 
     A motor that turns as fast as it can looks the same to a gyro, but gravity agrees with it.
 
     Parameters
     ----------
     epochs : Epochs
-        With rest, and the time at what may be stops, marked.
+        With rest, and the time at the stops, marked.
     sensors : SensorModel
+    largest : float
+        The rate at which they stop, rad/s.
+    surely : bool
+        They are stops; else the answer may be 0.
     """
-    if not epochs.values[:, SATURATED].any():
-        return False
-    values = epochs.values.copy()
-    values[:, SATURATED] = 0.0
-    likely = []
-    for one in (epochs, replace(epochs, values=values)):
-        search = _Search(_stretches(one), sensors)
-        likely.append(max(search.best(model, 1)[1] for model in (HAND, VEHICLE)))
-    return likely[0] > likely[1] + STOPS_MARGIN
+    likely = {}
+    for share in (0.0, *MISSED):
+        search = _Search(_stretches(epochs), replace(sensors, stop_rate=share * largest))
+        likely[share] = max(search.best(model, 1)[1] for model in (HAND, VEHICLE))
+    best = max(MISSED, key=lambda share: likely[share])
+    return best * largest if surely or likely[best] > likely[0.0] + STOPS_MARGIN else 0.0
 
 
 class _Search:

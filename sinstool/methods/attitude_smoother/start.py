@@ -128,6 +128,7 @@ def parameters(
             float(sensors.bias > LARGE_BIAS),
             *(np.zeros(3) if omega_in_n is None else omega_in_n),
             float(motion.follows),
+            sensors.stop_rate,
         ]
     )
 

@@ -34,7 +34,7 @@ from sinstool.methods.attitude_smoother.model import (
     sensor_model,
     with_warming,
 )
-from sinstool.methods.attitude_smoother.motion import Motion, find_motion, stops_likelier
+from sinstool.methods.attitude_smoother.motion import Motion, find_motion, likeliest_stop_rate
 from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, runs, with_rest
 from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.attitude_smoother.start import Prior
@@ -47,7 +47,6 @@ from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.grade import gyro_walk, largest_bias, sensor_grade
 from sinstool.survey.rest import longest_rest, moving_at
 from sinstool.survey.source import Source, nominal_interval
-from sinstool.survey.tally import CROWD
 
 # Intervals that are integrated across when gravity will put right what that leaves.
 SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
@@ -55,7 +54,7 @@ SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
 # model lasts all along.
 CAUTION = 2.0
 # A gyro that turns more slowly at its largest is not at its stop, rad/s. It is at its stop from
-# this share of its largest rate on; where those lie close together, from the share that says so.
+# this share of its largest rate on.
 LEAST_STOP, STOP_SHARE = 1.0, 0.997
 # What the survey calls still for so long, s, is a rest; a hand turns slowly for two seconds.
 LONG_REST_S = 5.0
@@ -191,22 +190,11 @@ class Smoothing:
         return out
 
     def _stops(self) -> np.ndarray:
-        """Rates from which on gyros are, or may be, at their stops, rad/s; infinite: none is."""
-        survey = self._source.survey
-        share = {f"gyro {axis}": np.inf for axis in "xyz"}
-        share |= dict.fromkeys(survey.crowded, CROWD) | dict.fromkeys(survey.saturated, STOP_SHARE)
-        stops = [
-            share[f"gyro {axis}"] * rate if rate > LEAST_STOP else np.inf
-            for axis, rate in zip("xyz", survey.gyro_max, strict=True)
-        ]
-        return np.array(stops) - np.abs(self._plan.alignment.gyro_bias)
-
-    def _stops_shown(self) -> bool:
-        """Whether gyros that may be at their stops are so for sure: none is of those that may."""
-        survey = self._source.survey
-        return not any(name.startswith("gyro") for name in survey.crowded) or any(
-            name.startswith("gyro") for name in survey.saturated
-        )
+        """Rates from which on gyros are, or may be, at their stops, rad/s, shape (2, 3)."""
+        survey, bias = self._source.survey, self._plan.alignment.gyro_bias
+        saturated = [f"gyro {axis}" in survey.saturated for axis in "xyz"]
+        stops = np.where(saturated, STOP_SHARE * survey.gyro_max, survey.gyro_stops)
+        return np.where(stops > LEAST_STOP, stops, np.inf) - np.array([bias, -bias])
 
     def _gnss_speed(self) -> float | None:
         """Speed that GNSS velocities reach, m/s, but for the fastest of them."""
@@ -232,10 +220,15 @@ class Smoothing:
             # without a heading the level part of the Earth's rate is taken off in a wrong direction
             "earth_removed": omega is not None and alignment.north_referenced,
         }
-        removed = tuple(alignment.gyro_bias.tolist()) if grade in LOW_COST else None
+        stops = self._stops()
+        stop = float(stops.max(where=np.isfinite(stops), initial=0.0))
+        judged: dict[str, Any] = {
+            "bias_removed": tuple(alignment.gyro_bias.tolist()) if grade in LOW_COST else None,
+            "stop_rate": stop,
+        }
         sensors = sensor_model(grade, bias_known=alignment.bias_source != "none", **about)
-        sensors = replace(sensors, bias_removed=removed)
-        if removed is not None:
+        sensors = replace(sensors, **judged)
+        if sensors.bias_removed is not None:
             sensors = with_warming(sensors, alignment.gyro_bias)
         if alignment.gyro_bias_sigma is not None:
             bias = CAUTION * alignment.gyro_bias_sigma
@@ -250,15 +243,19 @@ class Smoothing:
         # What looks like rest, before it is judged: the epochs are too many to keep them twice
         looks = seen.values[:, MARKS].copy()
         epochs, motion = self._judged(seen, looks, sensors, prior)
-        if not self._stops_shown() and not stops_likelier(epochs, sensors):
-            seen.values[:, SATURATED] = 0.0
+        if seen.values[:, SATURATED].any():
+            surely = any(name.startswith("gyro") for name in self._source.survey.saturated)
+            judged["stop_rate"] = likeliest_stop_rate(epochs, sensors, stop, surely)
+            if not judged["stop_rate"]:
+                seen.values[:, SATURATED] = 0.0
+            sensors = replace(sensors, **judged)
             epochs, motion = self._judged(seen, looks, sensors, prior)
         inside = self._bias_epochs(epochs)
         if inside.any() and np.mean(epochs.at_rest[inside]) < LEAST_REST:
             # What the mean rate of a turn is taken for is neither a bias nor, at first, a tilt
             mean = tuple((-alignment.gyro_bias).tolist())
             sensors = sensor_model(grade, bias_known=False, **about)
-            sensors = replace(sensors, bias_removed=removed, bias_mean=mean)
+            sensors = replace(sensors, bias_mean=mean, **judged)
             if alignment.bias_source == "still":
                 prior = replace(prior, tilt=None)
             if np.mean(epochs.rest[inside]) < LEAST_REST:

@@ -156,6 +156,35 @@ def test_a_gyro_at_its_stop_is_not_believed(tmp_path):
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
 
 
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_a_stop_is_found_behind_a_calibration(tmp_path, seed):
+    """Which makes of one value at the end of the range many that lie close together."""
+    log = hand(60.0, seed=seed)
+    crooked = np.eye(3) + 4e-3 * np.random.default_rng(seed).standard_normal((3, 3))
+    log.gyro = np.clip(log.gyro, -2.0, 2.0) @ crooked.T - BIAS
+    summary, off, covariance = smoothed(tmp_path, log)
+    assert any(f["kind"] == "gyro-at-stop" for f in summary["findings"])
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_motor_at_its_fastest_is_at_no_stop(tmp_path, seed):
+    """It tilts the sensor to and fro, as fast as it can: the gyro sees its largest rate often."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(6001) / RATE
+    rate = 2.0 * np.clip(4.0 * np.sin(2.0 * np.pi * 0.4 * t), -1.0, 1.0)
+    rate *= (t > 5.0) & (t < 55.0)
+    angle = np.cumsum(rate) / RATE
+    attitude = Rotation.from_rotvec(np.outer(angle, [1.0, 0.0, 0.0]))
+    gyro = np.outer(rate, [1.0, 4e-3, -4e-3]) + 2e-3 * rng.standard_normal((len(t), 3))
+    accel = attitude.inv().apply([0.0, 0.0, G]) + 2e-2 * rng.standard_normal((len(t), 3))
+    log = Hand(even_times(len(t), RATE), gyro, accel, attitude)
+    summary, off, covariance = smoothed(tmp_path, log)
+    assert not any(f["kind"] == "gyro-at-stop" for f in summary["findings"])
+    assert np.degrees(np.sqrt(np.mean(off**2))) < 1.0
+
+
 def test_motion_by_option(tmp_path):
     log = hand(30.0)
     summary, _, _ = smoothed(tmp_path, log, navigation={"motion": "vehicle"})
