@@ -76,6 +76,8 @@ ACCELERATES = 3.0**2
 DRIFTED_S = 60.0
 # Sway lasts so many epochs in one direction, so its means are correlated.
 SWAY_LASTS = 10.0
+# Beyond this an angle missed in an epoch is any angle, and the filter's linearisation no good, rad.
+MOST_MISSED = 1.2
 # In a gap the body may turn as fast as beside it, and at this rate on top, rad/s.
 GAP_RATE = 0.5
 DIVERGED = -1e300
@@ -197,7 +199,7 @@ def measure(
             along += (1.0 - across_more * t) / t
             across += along_more
     r = REST_DENSITY if rest else par[DENSITY]
-    missed = GRAVITY * par[STOP_RATE] * row[SATURATED]
+    missed = GRAVITY * min(par[STOP_RATE] * row[SATURATED], MOST_MISSED)
     variance = r * r / t + missed * missed
     if kind == STEADY:
         variance += row[FORCE_DOUBT]
@@ -399,7 +401,7 @@ def predict_state(
         f[XV + 1, 0] = GRAVITY * t
         f[XV + 2, XG] = t
         _crossed(x[V], x[V + 1], x[V + 2], f, XV)
-        missed = par[STOP_RATE] * row[SATURATED]
+        missed = min(par[STOP_RATE] * row[SATURATED], MOST_MISSED)
         spread = par[WALK] ** 2 * t + par[RATE_ERROR] ** 2 * row[W2] + missed * missed
         spread += row[UNEVEN]
         for i in range(3):

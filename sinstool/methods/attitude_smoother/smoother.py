@@ -35,7 +35,8 @@ SEGMENT = 500
 AT_ONCE = 1 << 14
 # m/s^2: gravity on Earth, and how far from it that is anywhere below 3 km.
 MEAN_GRAVITY, GRAVITY_RANGE = 9.807, 0.03
-UNKNOWN_HEADING = np.pi / np.sqrt(3.0)  # rad
+# Of an angle of which nothing is known, rad.
+UNKNOWN = np.pi / np.sqrt(3.0)
 # In motion a larger excess than this is not due to accelerometer biases alone, m/s^2.
 LIKELY_EXCESS = 0.3
 # Where the gyro bias is as uncertain as LARGE_BIAS, rad/s, or the first tilt proves wrong by FAR,
@@ -122,10 +123,7 @@ def smooth(
         attitude[:, 2, 2] += prior.heading**2 + _turned_wrongly(epochs, smoothed, sensors)
     else:
         attitude[:, 2, 2] += north.variance
-    # No heading is less certain than one that is uniform over a whole turn.
-    share = np.minimum(1.0, UNKNOWN_HEADING / np.sqrt(attitude[:, 2, 2]))[:, None]
-    attitude[:, 2, :] *= share
-    attitude[:, :, 2] *= share
+    _bounded(attitude)
     return Correction(
         epochs.time_ns,
         q,
@@ -136,6 +134,19 @@ def smooth(
         sigma,
         smoothed[-1, state.A : state.A + 3].copy() if motion.finds_bias else None,
     )
+
+
+def _bounded(covariance_n: FloatArray) -> None:
+    """Bound sigmas by that of any angle: none is less certain, whatever a linear filter has.
+
+    It has variances that are none where it went astray, beyond what is linear: they mean any angle,
+    too.
+    """
+    variance = np.einsum("nii->ni", covariance_n)
+    astray = ~((variance > 0.0) & np.isfinite(variance)).all(axis=1)
+    covariance_n[astray] = UNKNOWN**2 * np.eye(3)
+    share = np.minimum(1.0, UNKNOWN / np.sqrt(np.einsum("nii->ni", covariance_n)))
+    covariance_n *= share[:, :, None] * share[:, None, :]
 
 
 def _turned_wrongly(epochs: Epochs, smoothed: FloatArray, sensors: SensorModel) -> FloatArray:

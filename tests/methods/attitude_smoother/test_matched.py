@@ -370,7 +370,7 @@ def test_tilt_comes_back_after_a_gap(seconds):
         assert np.all(np.abs(tilt) < 5.0 * sigma)
         assert np.all(sigma < np.radians(4.0))
         # of heading the filter says that it is lost
-        lost = min(0.5 * seconds, 0.99 * smoother.UNKNOWN_HEADING)
+        lost = min(0.5 * seconds, 0.99 * smoother.UNKNOWN)
         assert after.covariance_attitude_n[near[0], 2, 2] > lost**2
         squares.append(np.mean((tilt / sigma) ** 2))
     assert 0.5 < np.mean(squares) < 1.5
