@@ -95,7 +95,7 @@ class EpochStage:
     max_gap_ns : int
         Longest interval that is no gap.
     stops : ndarray, shape (2, 3) or (3,)
-        Rates from which on the gyros are at their stops, rad/s, positive and negative ones, or both;
+        Rates from which on the gyros are at their stops, rad/s, positive and negative or both;
         infinite where they have none.
     sample_rate : float, optional
         Of the solutions, Hz, whatever their stamps say; but for gaps.

@@ -41,13 +41,14 @@ HAND_SPEED = 4.0
 # Moving epochs that are looked at: ten minutes, in so many stretches.
 STRETCHES = 5
 STRETCH = 600
-# The density of a hand is the most likely one; that of a vehicle is so many times the largest over
-# epochs of these lengths (manoeuvres are not white, and their slowest part sets the tilt: turns of
-# an aircraft last half a minute), m/s^2/sqrt(Hz).
-HAND_RANGE = (0.5, 2.0)
+# The density of a hand is the most likely one over epochs of that length where it is the largest;
+# that of a vehicle is so many times that (manoeuvres are not white, and their slowest part sets the
+# tilt: turns of an aircraft last half a minute), m/s^2/sqrt(Hz).
+HAND_RANGE = (0.5, 4.0)
 LEAST_VEHICLE, VEHICLE_FACTOR = 4.0, 2.5
 SECOND = 5  # epochs
 LONGER: tuple[int, ...] = (1, SECOND, 20, 100)
+HAND_LONGER = LONGER[:3]
 # A vehicle goes where it points if that is so many times as likely (nat), over epochs of 4 s: in
 # shorter ones its shaking says more than its way.
 FOLLOWS_MARGIN, FOLLOWS_EPOCHS = 3.0, 20
@@ -142,7 +143,8 @@ def find_motion(
         short = moving * EPOCH_S < enough
         name = "vehicle" if short or margin > MARGIN else "hand"
     if name == "hand":
-        density = min(max(search.best(HAND, 1)[0], HAND_RANGE[0]), HAND_RANGE[1])
+        density = max(search.best(HAND, length)[0] for length in HAND_LONGER)
+        density = min(max(density, HAND_RANGE[0]), HAND_RANGE[1])
         doubtful = moving * EPOCH_S < SHORT_S and margin is not None and margin > -SHORT_MARGIN
         return Motion(HAND.with_density(density), margin, doubtful, chosen)
     model, lengths = VEHICLE, LONGER

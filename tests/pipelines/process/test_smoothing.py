@@ -180,7 +180,7 @@ def test_a_motor_at_its_fastest_is_at_no_stop(tmp_path, seed):
     gyro = np.outer(rate, [1.0, 4e-3, -4e-3]) + 2e-3 * rng.standard_normal((len(t), 3))
     accel = attitude.inv().apply([0.0, 0.0, G]) + 2e-2 * rng.standard_normal((len(t), 3))
     log = Hand(even_times(len(t), RATE), gyro, accel, attitude)
-    summary, off, covariance = smoothed(tmp_path, log)
+    summary, off, _ = smoothed(tmp_path, log)
     assert not any(f["kind"] == "gyro-at-stop" for f in summary["findings"])
     assert np.degrees(np.sqrt(np.mean(off**2))) < 1.0
 
