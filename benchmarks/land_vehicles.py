@@ -78,7 +78,7 @@ def outages(
     data : Path
         Folder with the logs.
     log : str
-        One of `LOGS`.
+        One of `LOGS`, or a path in that folder.
     lengths : sequence of int
         Of outages, s.
     beginnings : int
@@ -86,7 +86,7 @@ def outages(
     vehicles : sequence of str
         Values of ``--vehicle``.
     """
-    path = data / LOGS[log]
+    path = data / LOGS.get(log, log)
     end = duration(path) - 5.0
     print(f"{log}: {beginnings} beginnings; largest horizontal error of each outage")
     heads = f"{'rms m':>8s} {'median':>8s} {'largest':>8s} {'/sigma':>6s} {'all':>6s}"
@@ -123,7 +123,7 @@ def outages(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, required=True, help="folder with the logs")
-    parser.add_argument("--log", choices=LOGS, default="rtk")
+    parser.add_argument("--log", default="rtk", help=f"{', '.join(LOGS)}, or a path in the folder")
     parser.add_argument("--lengths", type=int, nargs="+", choices=APART, default=[15, 30, 60])
     parser.add_argument("--beginnings", type=int, default=15)
     parser.add_argument("--vehicle", nargs="+", default=["none", "auto"])
