@@ -78,6 +78,17 @@ class Definition:
         except KeyError:
             raise DefinitionError(f"type {name} is not defined in the schema") from None
 
+    def has(self, path: str) -> bool:
+        """Whether a message has a field at a dotted path, outside of arrays."""
+        here = self.name
+        *outer, last = path.split(".")
+        for name in outer:
+            field = dict(self.types.get(here, ())).get(name)
+            if field is None or field.kind != "message":
+                return False
+            here = field.name
+        return last in dict(self.types.get(here, ()))
+
     def paths_of(self, type_name: str) -> Iterator[str]:
         """Dotted paths at which a type is nested ('' for the message itself), 64 at most."""
         holding: dict[str, bool] = {type_name: True}

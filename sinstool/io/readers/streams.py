@@ -75,6 +75,10 @@ def _vector(path: str) -> list[str]:
     return [f"{path}.{axis}" for axis in XYZ]
 
 
+# What a message must have to be read as an Imu, whatever its type.
+IMU_FIELDS = ("header.stamp", *_vector("angular_velocity"), *_vector("linear_acceleration"))
+
+
 def stamp(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """Times of headers, ns."""
     return columns["sec"].astype(np.int64) * 1_000_000_000 + columns["nanosec"].astype(np.int64)
@@ -186,9 +190,13 @@ def read_imu(
         "gyro": _vector(f"{prefix}angular_velocity"),
         "accel": _vector(f"{prefix}linear_acceleration"),
     }
-    if orientation:
+    definitions = [channel.definition(log.path) for channel in channels]
+    oriented = all(one.has(f"{prefix}orientation.w") for one in definitions)
+    covered = all(one.has(f"{prefix}orientation_covariance") for one in definitions)
+    if orientation and oriented:
         columns["q"] = [f"{prefix}orientation.{axis}" for axis in XYZW]
-        columns["q_covariance"] = [f"{prefix}orientation_covariance"]
+        if covered:
+            columns["q_covariance"] = [f"{prefix}orientation_covariance"]
     axes = turn_body(np.ones(3), units.body_axes)
     gyro_scale, accel_scale = units.gyro_scale * axes, units.accel_scale * axes
     widths = {"q_covariance": 9}
@@ -199,8 +207,10 @@ def read_imu(
             accel: np.ndarray = values["accel"] * accel_scale
         q = None
         if orientation:
-            if orientation is True or orientation():
-                q = _orientation(values["q"], values["q_covariance"], units.body_axes)
+            if oriented and (orientation is True or orientation()):
+                # All zeros: not known
+                covariance = values["q_covariance"] if covered else np.zeros((len(gyro), 9))
+                q = _orientation(values["q"], covariance, units.body_axes)
             else:
                 q = np.broadcast_to(np.nan, (len(gyro), 4))
         block = Imu(log_time_ns if log_time else stamp(values), log_time_ns, gyro, accel, q)

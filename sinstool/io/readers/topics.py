@@ -11,7 +11,7 @@ from sinstool.core.errors import TopicError, UnsupportedLogError
 from sinstool.core.suggest import nearest
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import IMU_TYPE
-from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
+from sinstool.io.readers.streams import IMU_FIELDS, ImuUnits, Losses, read_imu
 
 # What sinstool itself writes is never taken for a sensor, unless it is asked for by name.
 OWN_PREFIXES = ("/sinstool/", "/truth/")
@@ -54,9 +54,9 @@ def topics_of_type(log: Log, *types: str) -> dict[str, tuple[Channel, ...]]:
 
 
 def imu_candidates(log: Log) -> list[ImuTopic]:
-    """Every topic that carries an Imu, plain ones first, then those that nest one."""
+    """Every topic that carries an Imu: plain ones, those that nest one, and what is like one."""
     plain = [ImuTopic(t, c) for t, c in topics_of_type(log, IMU_TYPE).items()]
-    nested = []
+    nested, alike = [], []
     for topic in dict.fromkeys(c.topic for _, c in sorted(log.channels.items())):
         channels = tuple(log.channels_of(topic))
         if any(c.type == IMU_TYPE for c in channels):
@@ -64,7 +64,18 @@ def imu_candidates(log: Log) -> list[ImuTopic]:
         path = _nested_path(log, channels)
         if path:
             nested.append(ImuTopic(topic, channels, path))
-    return plain + nested
+        elif _like_an_imu(log, channels):
+            alike.append(ImuTopic(topic, channels))
+    return plain + nested + alike
+
+
+def _like_an_imu(log: Log, channels: tuple[Channel, ...]) -> bool:
+    """Whether a driver's own type has the fields of an Imu that are read, by their names."""
+    try:
+        definitions = [channel.definition(log.path) for channel in channels]
+    except UnsupportedLogError:
+        return False
+    return all(one.has(field) for one in definitions for field in IMU_FIELDS)
 
 
 def _nested_path(log: Log, channels: tuple[Channel, ...]) -> str:
@@ -112,7 +123,7 @@ def choose_imu(log: Log, name: str | None) -> ImuTopic:
         raise TopicError(log.path, "the log has no sensor_msgs/Imu topic", hint)
     if len(candidates) == 1:
         return replace(candidates[0], reason="the only one with an Imu")
-    plain = [c for c in candidates if not c.path]
+    plain = [c for c in candidates if all(one.type == IMU_TYPE for one in c.channels)]
     if len(plain) == 1:
         return _noted(plain[0], "the only plain Imu topic")
     rates = {c.topic: probe_rate(log, c) for c in plain or candidates}

@@ -42,6 +42,28 @@ def nested_types():
     return types
 
 
+DRIVER = "vendor_msgs/msg/Ahrs"
+
+
+def of_a_driver(topic, oriented, covered):
+    """Messages of a type of its own that names its fields as an Imu does."""
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    fields = {"header": "std_msgs/Header", "temperature": "float32"}
+    if oriented:
+        fields["orientation"] = "geometry_msgs/Quaternion"
+    if covered:
+        fields["orientation_covariance"] = "float64[9]"
+    fields["linear_acceleration"] = fields["angular_velocity"] = "geometry_msgs/Vector3"
+    text = "\n".join(f"{kind} {name}" for name, kind in fields.items())
+    types.register(get_types_from_msg(text, DRIVER))
+    gyro, accel = resting(len(TIMES))
+    messages = []
+    for m in imu_messages(TIMES, gyro, accel, q_xyzw=(0.0, 0.6, 0.0, 0.8)):
+        values = {name: getattr(m.message, name, 20.0) for name in fields}
+        messages.append(Message(topic, DRIVER, m.log_ns, types.types[DRIVER](**values)))
+    return messages, types
+
+
 def nested(topic):
     types = nested_types()
     gyro, accel = resting(len(TIMES))
@@ -148,6 +170,31 @@ def test_a_plain_topic_goes_before_a_nested_one(tmp_path):
     assert (got.topic, got.path) == ("/imu", "")
     assert "plain" in got.reason and not got.obvious
     assert chosen(path, "/packet").path == "first"
+
+
+@pytest.mark.parametrize("oriented, covered", [(True, True), (True, False), (False, False)])
+def test_a_type_with_the_fields_of_an_imu_is_read_as_one(tmp_path, oriented, covered):
+    messages, types = of_a_driver("/ahrs", oriented, covered)
+    path = write_log(tmp_path / "a.mcap", messages, types=types)
+    got = chosen(path)
+    assert (got.topic, got.path) == ("/ahrs", "")
+    plain = write_log(
+        tmp_path / "b.mcap", imu_messages(TIMES, *resting(len(TIMES)), q_xyzw=(0.0, 0.6, 0.0, 0.8))
+    )
+    with open_log(path) as log, open_log(plain) as other:
+        expected = next(read_imu(other, chosen(plain).channels, ImuUnits(), Losses(),
+                                 orientation=True))  # fmt: skip
+        block = next(read_imu(log, got.channels, ImuUnits(), Losses(), orientation=True))
+    for name in ("time_ns", "gyro", "accel"):
+        np.testing.assert_array_equal(getattr(block, name), getattr(expected, name))
+    if oriented:
+        np.testing.assert_array_equal(block.orientation, expected.orientation)
+        assert np.isfinite(block.orientation).all()
+    else:
+        assert np.isnan(block.orientation).all()
+    # A plain Imu beside it is the sensor's own
+    both = write_log(tmp_path / "c.mcap", [*messages, *imu("/imu")], types=types)
+    assert chosen(both).topic == "/imu"
 
 
 def test_two_in_one_message_are_no_topic(tmp_path):
