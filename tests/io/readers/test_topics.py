@@ -43,6 +43,7 @@ def nested_types():
 
 
 DRIVER = "vendor_msgs/msg/Ahrs"
+TURNED = {"q_xyzw": (0.0, 0.6, 0.0, 0.8), "covariance": 0.0}
 
 
 def of_a_driver(topic, oriented, covered):
@@ -58,7 +59,7 @@ def of_a_driver(topic, oriented, covered):
     types.register(get_types_from_msg(text, DRIVER))
     gyro, accel = resting(len(TIMES))
     messages = []
-    for m in imu_messages(TIMES, gyro, accel, q_xyzw=(0.0, 0.6, 0.0, 0.8)):
+    for m in imu_messages(TIMES, gyro, accel, **TURNED):
         values = {name: getattr(m.message, name, 20.0) for name in fields}
         messages.append(Message(topic, DRIVER, m.log_ns, types.types[DRIVER](**values)))
     return messages, types
@@ -178,9 +179,8 @@ def test_a_type_with_the_fields_of_an_imu_is_read_as_one(tmp_path, oriented, cov
     path = write_log(tmp_path / "a.mcap", messages, types=types)
     got = chosen(path)
     assert (got.topic, got.path) == ("/ahrs", "")
-    plain = write_log(
-        tmp_path / "b.mcap", imu_messages(TIMES, *resting(len(TIMES)), q_xyzw=(0.0, 0.6, 0.0, 0.8))
-    )
+    messages_of_ros = imu_messages(TIMES, *resting(len(TIMES)), **TURNED)
+    plain = write_log(tmp_path / "b.mcap", messages_of_ros)
     with open_log(path) as log, open_log(plain) as other:
         expected = next(read_imu(other, chosen(plain).channels, ImuUnits(), Losses(),
                                  orientation=True))  # fmt: skip
