@@ -157,8 +157,8 @@ def prepare_fixes(
     rough = rough_fixes(gnss.time_ns, np.asarray(gnss.sigma_v))
     if rough.any() and settings.vectors != "pos":
         warnings.append(
-            f"{int(rough.sum())} fixes whose velocities are much less certain than those of their"
-            " neighbours are not used"
+            f"{int(rough.sum())} of {len(rough)} fixes are not used, as velocities there are much"
+            " less certain than those of their neighbours"
         )
         gnss = gnss.rows(~rough)
     if settings.vectors == "pos":

@@ -110,11 +110,12 @@ def gnss_model(
     if not from_velocities:
         velocity = velocity * (config.gnss.gnss_sigma_v / USUAL_SIGMA_V)
     white = np.hypot(POSITION_WHITE * position, stamp_s * _speed(gnss))
-    how = (
-        f"position {stated if from_fixes else 'assumed'}, about"
-        f" {position[0]:.3g} m; velocity"
-        f" {AS_STATED if from_velocities else 'assumed'}, about {velocity[0]:.3g} m/s"
-    )
+    how = f"position {stated if from_fixes else 'assumed'}, about {position[0]:.3g} m; "
+    if gnss.has_velocity.any():
+        words = AS_STATED if from_velocities else "assumed"
+        how += f"velocity {words}, about {velocity[0]:.3g} m/s"
+    else:
+        how += "no velocity"
     return (
         GnssModel(
             position_white=_triple(white),

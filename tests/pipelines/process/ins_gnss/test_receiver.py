@@ -74,6 +74,14 @@ def test_scale_is_on_all_that_the_receiver_says():
     assert "as the receiver says" in how
 
 
+def test_what_a_receiver_does_not_give_is_not_said_to_be_assumed():
+    gnss = epochs()
+    none = np.full_like(gnss.velocity_n, np.nan)
+    assert gnss_model(replace(gnss, velocity_n=none), ProcessConfig())[1].endswith("; no velocity")
+    silent = replace(gnss, sigma_velocity_n=none)
+    assert "velocity assumed, about" in gnss_model(silent, ProcessConfig())[1]
+
+
 def test_silent_receivers_get_what_is_usual():
     gnss = epochs(sigma=np.nan, sigma_v=np.nan)
     model, how = gnss_model(gnss, ProcessConfig(filter={"gnss_sigma": 2.0}))
