@@ -1,6 +1,7 @@
 """What a filter assumes of a receiver: its own sigmas, no better than stamps allow."""
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
