@@ -1,7 +1,6 @@
 """What a filter assumes of a receiver: its own sigmas, no better than stamps allow."""
 
 import dataclasses
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -78,8 +77,10 @@ def test_scale_is_on_all_that_the_receiver_says():
 def test_what_a_receiver_does_not_give_is_not_said_to_be_assumed():
     gnss = epochs()
     none = np.full_like(gnss.velocity_n, np.nan)
-    assert gnss_model(replace(gnss, velocity_n=none), ProcessConfig())[1].endswith("; no velocity")
-    silent = replace(gnss, sigma_velocity_n=none)
+    assert gnss_model(dataclasses.replace(gnss, velocity_n=none), ProcessConfig())[1].endswith(
+        "; no velocity"
+    )
+    silent = dataclasses.replace(gnss, sigma_velocity_n=none)
     assert "velocity assumed, about" in gnss_model(silent, ProcessConfig())[1]
 
 
