@@ -36,6 +36,7 @@ from sinstool.io.readers.topics import ImuTopic
 from sinstool.methods.alignment.still import StillSpan, Windows, lead_in, still_spans
 from sinstool.survey.even_stamps import EvenStamps
 from sinstool.survey.orientation import OrientationFault, orientation_fault
+from sinstool.survey.rest import calmer
 from sinstool.survey.tally import CROWD, Tally
 from sinstool.survey.unit_evidence import UnitEvidence, unit_evidence
 
@@ -369,6 +370,10 @@ def _conclude(
     is_gap = tally.long_step > limit
     windows = tally.windows.finish()
     spans = still_spans(windows)
+    begin = lead_in(spans, tally.first_ns)
+    if begin is not None and calmer(spans, begin):
+        # It begins in a steady turn
+        begin = None
     names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
     # Values that are no measurements at all may be too large to be squared.
     with np.errstate(over="ignore"):
@@ -413,7 +418,7 @@ def _conclude(
         specific_force_median=tally.force_median(),
         windows=windows,
         spans=tuple(spans),
-        lead_in=lead_in(spans, tally.first_ns),
+        lead_in=begin,
         orientation=None if placeholder else tally.orientation,
         orientation_ns=tally.orientation_ns,
         orientation_constant=constant,

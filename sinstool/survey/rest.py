@@ -30,6 +30,8 @@ UNKNOWN_SIGMA_M = 5.0  # of a fix without its own sigma
 BESIDE, BESIDE_S = 10, 60.0
 # Rests shorter than this say little of a bias, s.
 REST_S = 2.0
+# Gyro biases change by less than this within a log, rad/s: chips by 0.03 deg/s for each kelvin.
+BIAS_CHANGE = 0.0175
 # Fixes this far apart show a speed, s.
 APART_S = 5.0
 # A rest goes on after a knock of at most so many seconds that changed neither velocity, m/s, nor
@@ -207,13 +209,26 @@ def _near(gnss: GnssEpochs, start_ns: int, end_ns: int) -> bool:
 
 
 def longest_rest(spans: Iterable[StillSpan], gnss: GnssEpochs | None) -> StillSpan | None:
-    """The longest rest, of `REST_S` at least, at which GNSS does not move; None without one."""
+    """The longest rest, of `REST_S` at least, at which GNSS does not move; None without one.
+
+    Steady turns look like rest, too, but of two rates so different only one is the gyros' bias:
+    the smaller.
+    """
     long = [span for span in spans if span.duration_s >= REST_S]
     # The longest first, as how a span moves is what takes time
     for span in sorted(long, key=lambda span: -span.duration_s):
         if moving_at(gnss, span.start_ns, span.end_ns) is None:
-            return span
+            return longest_rest(calmer(long, span), gnss) or span
     return None
+
+
+def calmer(spans: Iterable[StillSpan], than: StillSpan) -> list[StillSpan]:
+    """Spans of `REST_S` at least whose rate is smaller by more than a bias changes within a log."""
+    rate = float(np.linalg.norm(than.gyro))
+    most = min(rate - BIAS_CHANGE, 0.5 * rate)
+    return [
+        span for span in spans if span.duration_s >= REST_S and np.linalg.norm(span.gyro) < most
+    ]
 
 
 def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, list[Finding]]:

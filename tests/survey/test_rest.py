@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sinstool.methods.alignment.still import WindowStage
-from sinstool.survey.rest import moving_at, settled, shaken_rest
+from sinstool.core.units import DEGREE
+from sinstool.methods.alignment.still import StillSpan, WindowStage
+from sinstool.survey.rest import calmer, longest_rest, moving_at, settled, shaken_rest
 from tests.helpers.gnss import straight
 
 SECOND = 10**9
@@ -132,3 +133,26 @@ def test_what_is_shaken_and_no_rest():
     assert shaken_rest(stage.finish(), gnss, 0) is None
     windows, gnss, _ = shaken(1, rock=0.06)
     assert shaken_rest(windows, gnss, 0) is None
+
+
+def quiet(begin_s, seconds, rate_deg_s):
+    rate = np.array([0.0, 0.0, rate_deg_s * DEGREE])
+    start, end = round(begin_s * 1e9), round((begin_s + seconds) * 1e9)
+    force = np.array([0.0, 0.0, -9.8])
+    return StillSpan(start, end, 100 * round(seconds), rate, force, 2e-3, 2e-2)
+
+
+@pytest.mark.parametrize(
+    "spans, chosen",
+    [
+        ([(0.0, 20.0, 0.3), (30.0, 5.0, 0.1)], 0),  # a bias that drifts
+        ([(0.0, 20.0, 15.0), (30.0, 2.5, 0.1)], 1),  # a turn, and a stop
+        ([(0.0, 20.0, 15.0), (30.0, 1.5, 0.1)], 0),  # too short to say so
+        ([(0.0, 9.0, 8.0), (20.0, 4.0, -15.0), (30.0, 3.0, 0.3), (40.0, 5.0, -0.4)], 3),
+        ([(0.0, 20.0, 5.0), (30.0, 10.0, 4.2)], 0),  # a chip that is not calibrated
+    ],
+)
+def test_of_two_rates_the_smaller_is_the_bias(spans, chosen):
+    made = [quiet(*span) for span in spans]
+    assert longest_rest(made, None) is made[chosen]
+    assert not calmer(made, made[chosen])

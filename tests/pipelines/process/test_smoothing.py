@@ -185,6 +185,21 @@ def test_a_motor_at_its_fastest_is_at_no_stop(tmp_path, seed):
     assert np.degrees(np.sqrt(np.mean(off**2))) < 1.0
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_steady_turn_is_no_rest_where_another_rate_is(tmp_path, seed):
+    """Some seconds of a car in a roundabout, and fewer of steady travel straight on."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(1001) / RATE
+    rate = np.radians(rng.uniform(10.0, 20.0)) * ((t > 1.0) & (t < rng.uniform(5.5, 7.0)))
+    attitude = Rotation.from_rotvec(np.outer(np.cumsum(rate) / RATE, [0.0, 0.0, 1.0]))
+    gyro = np.outer(rate, [0.0, 0.0, 1.0]) + 2e-3 * rng.standard_normal((len(t), 3)) + 0.1 * BIAS
+    accel = np.outer(10.0 * rate, [0.0, 1.0, 0.0]) + [0.0, 0.0, G]  # at 10 m/s
+    accel += 2e-2 * rng.standard_normal(accel.shape)
+    _, off, covariance = smoothed(tmp_path, Hand(even_times(len(t), RATE), gyro, accel, attitude))
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
+    assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
+
+
 def test_motion_by_option(tmp_path):
     log = hand(30.0)
     summary, _, _ = smoothed(tmp_path, log, navigation={"motion": "vehicle"})
@@ -352,7 +367,7 @@ def test_a_steady_turn_at_the_beginning_gives_no_bias(tmp_path):
     """It looks like a rest, which what follows refutes: so are its mean rate and its tilt."""
     turns = [(-5.0, 12.0, 0.03), (40.0, 60.0, -0.05), (90.0, 100.0, 0.06), (130.0, 160.0, -0.02)]
     summary, off, covariance = smoothed(tmp_path, circling(200.0, turns))
-    assert summary["alignment"]["gyro_bias_source"] == "still"
+    assert summary["alignment"]["gyro_bias_source"] == "rest"
     assert_as_said(summary, off, covariance)
 
 
