@@ -37,10 +37,10 @@ APART_S = 5.0
 # A rest goes on after a knock of at most so many seconds that changed neither velocity, m/s, nor
 # attitude, rad, nor the specific force, m/s^2, by more than this.
 KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE = 30.0, 0.5, 0.05, 0.15
-# Fixes of a rest further than this from where the vehicle stands, m, and those of some seconds
-# more, are of a receiver that has not settled; of its second half so many say where that is, of
-# which such a share may be bad ones.
-UNSETTLED_M = 10.0
+# Fixes of a rest further than this from where the vehicle stands, m, and further than chance takes
+# one of them with such a probability, and those of some seconds more, are of a receiver that has
+# not settled; of its second half so many say where that is, of which such a share may be bad ones.
+UNSETTLED_M, CHANCE = 10.0, 0.01
 LEAST_FIXES = 10
 MOST_FAR = 0.1
 # Where an engine shakes the Imu at the beginning: its first fix comes within, fixes need to show a
@@ -246,7 +246,9 @@ def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, l
     north, east = _metres(gnss, slice(None))
     off = np.hypot(north - median(north[late]), east - median(east[late]))
     sigma = np.nan_to_num(gnss.sigma_position_n[:, :2].max(axis=1), nan=UNKNOWN_SIGMA_M)
-    far = off > np.maximum(UNSETTLED_M, SIGMAS * sigma)
+    # As far as the farthest of so many is by chance, of two axes with the same sigma
+    beyond = max(SIGMAS, np.sqrt(2.0 * np.log(np.count_nonzero(resting) / CHANCE)))
+    far = off > np.maximum(UNSETTLED_M, beyond * sigma)
     wrong = resting & ~late & far
     # A receiver that is off until the end has not settled at all
     if not wrong.any() or np.mean(far[late]) > MOST_FAR:

@@ -65,6 +65,22 @@ def test_a_steady_circle_is_no_rest_and_keeps_its_fixes(with_velocity):
     assert len(kept) == len(gnss) and not findings
 
 
+@pytest.mark.parametrize("rate", [1.0, 10.0])
+def test_the_farthest_of_many_fixes_is_no_sign_of_a_receiver_that_has_not_settled(rate):
+    """Of 2000 fixes with white noise one in two sets has one beyond four sigmas."""
+    told = 0
+    time_ns = (np.arange(200.0 * rate) * 1e9 / rate).astype(np.int64)
+    for seed in range(100):
+        random = np.random.default_rng(seed)
+        gnss = straight(time_ns, away=5.0 * random.standard_normal(len(time_ns)))
+        east = 5.0 * random.standard_normal(len(time_ns)) / (6.37e6 * np.cos(0.8))
+        gnss = dataclasses.replace(
+            gnss, longitude=east, sigma_position_n=np.full((len(time_ns), 3), 5.0)
+        )
+        told += bool(settled(gnss, 0, int(time_ns[-1]))[1])
+    assert told <= 5
+
+
 def shaken(seed, parked=60.0, rock=0.0, rate=100.0):
     """An Imu that an engine shakes, parked and then driven off: its windows and its fixes.
 
