@@ -324,17 +324,26 @@ def _as_judged(
     start: FilterStart,
     judged: ImuGrade,
 ) -> tuple[FilterStart, FilterStart]:
-    """A first start and a start with an Imu that innovations have judged."""
+    """A first start and a start with an Imu that innovations have judged.
+
+    It is aligned as such a one, unless it was, that is too uncertain for a start, or the fixes are
+    clearly likelier with the attitude, the latency and the arm found before: what a receiver does
+    is none of the Imu's.
+    """
     before = start.grade.grade
-    if judged.grade != before:
-        with suppress(AlignmentError):
-            begun = _begun_as(source, config, first, judged, start.lag)
-            return begun, timed(source, config, algorithm, begun)
-    # Aligned as such a one already, or too uncertain for a start as such a one
-    judged = replace(judged, why=f"{start.grade.why}; {judged.why}", aligned_as=before)
-    other = as_graded(source, config, start, judged)
+    kept = replace(judged, why=f"{start.grade.why}; {judged.why}", aligned_as=before)
+    other = as_graded(source, config, start, kept)
     aligned = imu_noise(config, before, has_scales(config))
-    return replace(first, grade=judged), _less_level(other, aligned, other.settings.imu)
+    same = replace(first, grade=kept), _less_level(other, aligned, other.settings.imu)
+    if judged.grade == before:
+        return same
+    with suppress(AlignmentError):
+        begun = _begun_as(source, config, first, judged, start.lag)
+        anew = timed(source, config, algorithm, begun)
+        fits = [fit(source, config, algorithm, x.by_the_fixes) for x in (anew, same[1])]
+        if fits[0] is None or fits[1] is None or not fits[0].worse_than(fits[1]):
+            return begun, anew
+    return same
 
 
 def _less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> FilterStart:
