@@ -34,7 +34,7 @@ from tests.helpers.unseen_drives import (
     write,
 )
 from tests.helpers.unseen_errors import shaken, slower
-from tests.helpers.unseen_vehicles import train
+from tests.helpers.unseen_vehicles import tractor, train
 
 CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 KIND = {"gyro_kind": "mean-rate"}
@@ -379,6 +379,33 @@ def test_a_shaken_antenna_hides_no_latency(tmp_path, moving, seed):
     assert start.latency_status == "found"
     assert abs(start.settings.gnss_latency - 0.2) < 5e-3
     assert not start.offsets.arm_contradicts
+
+
+@pytest.mark.parametrize(("moving", "seed"), [(drive, 1), (drive, 3), (tractor, 1)])
+def test_an_antenna_on_a_vehicle_that_an_engine_shakes_is_where_it_is(tmp_path, moving, seed):
+    """No receiver follows what the gyros feel of an engine: arms were too short by up to 2 m."""
+    noise = {"gnss_rate": 5.0, "sigma": 0.02, "sigma_v": 0.03, "latency": 0.1}
+    data = record(moving(seed, 160.0), GRADES["tactical"], seed, **noise)
+    log = write(tmp_path / "log.mcap", shaken(data, seed, 0.5, 0.1))
+    first, motion = first_start_of(log, input=KIND, gnss=given(0.1))
+    shown = estimate_offsets(first.start, first.settings, [motion], first.used)
+    assert np.all(np.abs(shown.arm_off_b) < 3.0 * shown.arm_off_sigma_b)
+    assert not shown.arm_contradicts and shown.sigma_s < 0.005
+
+
+@pytest.mark.parametrize(
+    ("estimates", "along"),
+    [
+        ([(0.0, 0.002), (0.002, -0.013), (-0.05, -0.07), (-0.12, -0.12)], True),
+        ([(0.0, 0.07), (0.07, 0.095), (0.1, 0.1)], False),
+        ([(0.0, 0.004), (0.004, 0.005)], False),  # noise
+        ([(0.1, 0.101)], False),
+    ],
+)
+def test_estimates_that_go_where_they_are_led_are_doubted(estimates, along):
+    """Each next to the latency before, as a gate had left out what contradicts: 0.2 s was true."""
+    made = [(about, offsets_at(latency, 0.003)) for about, latency in estimates]
+    assert timing._went_along(made) == along
 
 
 @pytest.mark.parametrize(
