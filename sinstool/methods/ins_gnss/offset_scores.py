@@ -23,8 +23,8 @@ from sinstool.methods.strapdown.velocity import Increments
 
 _UPDATES = 4096  # at a time, for what a filter stores of them
 _HALF_S = 0.06  # velocity changes are taken over so much to either side
-# A receiver follows its carrier with 10 to 25 Hz, which is blind to what an engine shakes (Kaplan
-# and Hegarty 2017, section 8.5): rates that swing the antenna are means over so much to either side.
+# A receiver follows its carrier with 10 to 25 Hz, and is blind to what an engine shakes (Kaplan and
+# Hegarty 2017, section 8.5): rates that swing the antenna are means over so much to either side.
 _SWING_S = 0.02
 _SETTLED_S = 20.0  # a filter's first innovations hold what is not linear in its start
 _MOST_OFF = 1e6  # an estimate astray by more for each s or m, in SI units, is of a filter gone wild
