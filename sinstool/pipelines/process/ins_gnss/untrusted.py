@@ -149,11 +149,12 @@ def _last_believed(gnss: GnssDiagnostics, event: FilterEvent) -> int:
     The fix with which it restarts is used, and valid a little before the update that is the time of
     the event. Velocities that come apart from positions may be believed all the while.
     """
-    kind = np.isfinite(gnss.innovation[:, :3]).any(axis=1)
+    kind = np.asarray(np.isfinite(gnss.innovation[:, :3]).any(axis=1))
     anew = np.flatnonzero(gnss.restarted & (gnss.time_ns <= event.time_ns))
-    same = kind == kind[anew[-1]] if len(anew) and event.kind == "restart" else True
-    before = gnss.time_ns < event.time_ns
-    used = gnss.time_ns[gnss.used & ~gnss.restarted & before & same]
+    believed = gnss.used & ~gnss.restarted & (gnss.time_ns < event.time_ns)
+    if len(anew) and event.kind == "restart":
+        believed &= kind == kind[anew[-1]]
+    used = gnss.time_ns[believed]
     return int(used[-1]) if len(used) else int(gnss.time_ns[0])
 
 

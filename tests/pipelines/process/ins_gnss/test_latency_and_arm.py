@@ -335,6 +335,22 @@ def test_estimates_that_lead_away_from_the_likeliest_latency_are_not_believed(ro
     assert likeliest(lambda *_: None, (0.0, 0.5), None) is None
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_rough_squares_show_a_latency_as_far_as_they_are_no_larger(seed):
+    """A cable car's ran away to 0.97 s, as no parabola was found through what each epoch moves."""
+    random = np.random.default_rng(seed)
+    rough: dict[float, float] = {}
+
+    def about(latency, *_):
+        shown = offsets_at(0.1 + 0.9 * latency, 0.02)
+        square = 0.6 + 0.1 * abs(latency) + rough.setdefault(latency, 0.004 * random.random())
+        return replace(shown, square=square, rows=9500.0, given=False)
+
+    used, offsets = likeliest(about, (0.0, 0.92), None)
+    assert abs(used) < 0.05 and abs(used) < 3.0 * offsets.sigma_s < 0.3
+    assert offsets.latency_s == pytest.approx(used, abs=2.0 * offsets.sigma_s)
+
+
 def test_where_all_fixes_would_be_left_out_none_is():
     def bad_start(latency, _, gated):
         return None if gated else offsets_at(0.1 + 0.1 * (latency - 0.1), 0.001)
