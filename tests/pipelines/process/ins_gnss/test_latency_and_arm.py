@@ -34,7 +34,7 @@ from tests.helpers.unseen_drives import (
     write,
 )
 from tests.helpers.unseen_errors import shaken, slower
-from tests.helpers.unseen_vehicles import tractor, train
+from tests.helpers.unseen_vehicles import motorcycle, tractor, train
 
 CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 KIND = {"gyro_kind": "mean-rate"}
@@ -180,6 +180,22 @@ def test_metres_of_noise_say_nothing_of_an_antenna_and_do_not_care(tmp_path, roa
     start = start_of(log, input=KIND)
     assert start.arm_status == "open" and not any(start.settings.lever_arm_b)
     assert not start.offsets_error[1:].any()
+
+
+def test_an_arm_much_better_known_than_fixes_are_good_is_in_what_velocities_lack(tmp_path):
+    """Of a decimetre that is too little to be used, a lean makes a tenth of a metre a second."""
+    truth, arm = motorcycle(2, 160.0), np.array([0.0, 0.0, -0.11])
+    noise = {"gnss_rate": 5.0, "sigma": 0.8, "sigma_v": 0.03, "lever": arm}
+    log = write(tmp_path / "log.mcap", record(truth, GRADES["tactical"], 2, **noise))
+    start = start_of(log, input=KIND, gnss={"gnss_latency": 0.0})
+    assert start.arm_status == "open" and not any(start.settings.lever_arm_b)
+    sigma = np.sqrt(np.diag(start.offsets_error))
+    assert sigma[3] == pytest.approx(0.11, abs=0.04) and sigma[1:].max() < start.fix_sigma_m
+    # No such moments of an arm that the log does not show
+    unknown = replace(start.offsets, covariance=np.diag([1e-6, 1.0, 1.0, 1.0]))
+    coarse = replace(start.settings.gnss, position_markov=(1.2, 1.2, 2.0))
+    coarse = replace(start.settings, gnss=coarse)
+    assert not replace(start, offsets=unknown, settings=coarse).offsets_error.any()
 
 
 def test_sensors_that_say_little_of_tilt_do_not_raise_or_lower_the_antenna(tmp_path):
