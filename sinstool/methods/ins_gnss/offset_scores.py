@@ -272,14 +272,12 @@ def _mean_rates(
     at : ndarray, shape (k,)
         When fixes are valid, s.
     """
-    turned = np.cumsum(rate * interval[:, None], axis=0)
-    begin, end = np.clip([at - _SWING_S, at + _SWING_S], seconds[0] - interval[0], seconds[-1])
-    short = end - begin < interval.max()
-    begin, end = np.where(short, end - interval.max(), begin), end
+    edges = np.concatenate([[seconds[0] - interval[0]], seconds])
+    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(rate * interval[:, None], axis=0)])
+    half = min(_SWING_S, 0.5 * float(edges[-1] - edges[0]))
+    middle = np.clip(at, edges[0] + half, edges[-1] - half)
 
     def until(when: FloatArray) -> FloatArray:
-        edges = np.concatenate([[seconds[0] - interval[0]], seconds])
-        sums = np.concatenate([np.zeros((1, 3)), turned])
-        return np.column_stack([np.interp(when, edges, column) for column in sums.T])
+        return np.column_stack([np.interp(when, edges, column) for column in turned.T])
 
-    return np.asarray((until(end) - until(begin)) / (end - begin)[:, None])
+    return (until(middle + half) - until(middle - half)) / (2.0 * half)

@@ -248,7 +248,8 @@ def _drifting(
             why, before = "by its drift without fixes", start.grade.grade
             judged = ImuGrade(better, why, by_drift=True, aligned_as=before)
             begun = regraded(source, config, first, judged)
-            start = timed(source, config, algorithm, begun)
+            same = as_graded(source, config, start, judged)
+            start = _timed_unless(source, config, algorithm, begun, same)
             start, drift = _as_quiet_as_in_motion(source, config, algorithm, start)
             factors = drift.factors()
             log_choice("IMU grade", f"{better}, {judged.why}")
@@ -339,11 +340,23 @@ def _as_judged(
         return same
     with suppress(AlignmentError):
         begun = _begun_as(source, config, first, judged, start.lag)
-        anew = timed(source, config, algorithm, begun)
-        fits = [fit(source, config, algorithm, x.by_the_fixes) for x in (anew, same[1])]
-        if fits[0] is None or fits[1] is None or not fits[0].worse_than(fits[1]):
-            return begun, anew
+        anew = _timed_unless(source, config, algorithm, begun, same[1])
+        return same if anew is same[1] else (begun, anew)
     return same
+
+
+def _timed_unless(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    begun: FilterStart,
+    same: FilterStart,
+) -> FilterStart:
+    """A first start timed anew, unless the fixes are clearly likelier with the `same` as before."""
+    anew = timed(source, config, algorithm, begun)
+    fits = [fit(source, config, algorithm, start.by_the_fixes) for start in (anew, same)]
+    worse = fits[0] is not None and fits[1] is not None and fits[0].worse_than(fits[1])
+    return same if worse else anew
 
 
 def _less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> FilterStart:
