@@ -28,6 +28,8 @@ from sinstool.survey.grade import ImuGrade
 
 # A heading more certain than this is good, deg.
 GOOD_HEADING = 5.0
+# An arm whose mean square is less than so much of a fix's adds nothing to positions.
+MUCH_BETTER = 0.1
 
 
 @dataclass(frozen=True)
@@ -211,7 +213,7 @@ class FilterStart:
             moment = self.offsets.error_of(self.settings.gnss_latency, configured)
         contradicted = self.offsets is not None and self.offsets.arm_contradicts
         square, fix = float(np.trace(moment[1:, 1:])), self.fix_sigma_m**2
-        matters = not fix < square < 3.0 * fix
+        matters = not MUCH_BETTER * fix < square < 3.0 * fix
         if self.arm_status == "open" and not (matters or contradicted):
             moment[1:], moment[:, 1:] = 0.0, 0.0
         return moment
