@@ -28,8 +28,9 @@ AROUND = 15
 # the second; beside one the fixes change by this much of it at most, as neither outliers nor turns
 # about an arm that nobody gave do.
 SIGMAS, LEAST_M, MOST_M, BESIDE = 8.0, 0.3, 10.0, 0.4
-# Epochs follow each other within so many of their usual intervals, and s.
-MOST_INTERVALS, MOST_S = 1.5, 2.0
+# Epochs follow each other within so many of their usual intervals, and s. A message that is lost is
+# no outage: within the last, s, no navigation drifts by as much as a jump.
+MOST_INTERVALS, MOST_S, LOST_S = 1.5, 2.0, 0.5
 # Fixes that scatter by more than this, m, from one to the next do not show which are false; and
 # fewer in a row than these are outliers.
 PRECISE_M, LEAST_EPOCHS = 0.25, 3
@@ -83,7 +84,7 @@ def false_stretches(
     seconds = np.diff(time_ns) * 1e-9
     step = innovation[1:] - left[:-1] * innovation[:-1]
     step = step - running_median(step, AROUND)
-    near = (seconds <= MOST_INTERVALS * np.median(seconds)) & (seconds <= MOST_S)
+    near = seconds <= min(max(MOST_INTERVALS * float(np.median(seconds)), LOST_S), MOST_S)
     near &= np.linalg.norm(step, axis=1) <= MOST_M
     jump, scale = _jumps(step, near)
     if not jump.any() or np.median(scale) > PRECISE_M:

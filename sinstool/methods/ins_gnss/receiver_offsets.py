@@ -373,6 +373,7 @@ def likeliest(
     best = min(cost, key=cost.__getitem__)
     if cost[tried[-1]] - cost[best] < _WORSE:
         return None
+    sharp = 0.0
     for _ in range(_ROUNDS):
         below = max((x for x in cost if x < best), default=best - _STEP_S)
         above = min((x for x in cost if x > best), default=best + _STEP_S)
@@ -380,15 +381,18 @@ def likeliest(
         if below in cost and above in cost:
             bend, following = _parabola([(x, cost[x]) for x in (below, best, above)])
             if abs(following - best) < _AGREE * np.sqrt(2.0 / bend):
+                # Innovations larger than the filter expects make everything that much less certain
+                sharp = float(np.sqrt(2.0 * max(found[best].misfit, 1.0) / bend))
                 break
         if not judge(following):
             return None
         best = min(cost, key=cost.__getitem__)
     else:
-        return None
+        # Single epochs make squares rough: it is known to where they are no less likely
+        following = best
+        sharp = max(abs(x - best) for x in cost if cost[x] - cost[best] < _WORSE)
     shown = found[best]
-    # Innovations that are larger than the filter expects make everything that much less certain
-    sigma = max(float(np.sqrt(2.0 * max(shown.misfit, 1.0) / bend)), shown.sigma_s)
+    sigma = max(sharp, shown.sigma_s)
     scale = np.array([sigma / np.sqrt(shown.covariance[0, 0]), 1.0, 1.0, 1.0])
     covariance = shown.covariance * np.outer(scale, scale)
     return best, replace(shown, latency_s=following, covariance=covariance)

@@ -81,6 +81,16 @@ def test_beyond_an_outage_nothing_is_compared():
     assert spans(found) == [(240, 279)]
 
 
+def test_a_lost_message_is_no_outage():
+    """Of fixes between two lost ones none would jump, and those that are off would seem right."""
+    off = steps((100, 200, WAY), (300, 400, WAY))
+    time_ns, nu, left, sigma = innovations(off)
+    keep = np.delete(np.arange(600), [102, 198, 302, 398])
+    found = false_stretches(time_ns[keep], nu[keep], left[keep], sigma[keep])
+    assert spans(found) == [(100, 197), (298, 395)]
+    assert all(one.sure for one in found)
+
+
 def test_a_receiver_that_scatters_as_much_shows_nothing():
     off = steps((100, 200, 3.0 * WAY)) + np.random.default_rng(1).normal(0.0, 0.4, (600, 3))
     assert false_stretches(*innovations(off)) == []

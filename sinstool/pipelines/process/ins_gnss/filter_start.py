@@ -28,6 +28,8 @@ from sinstool.survey.grade import ImuGrade
 
 # A heading more certain than this is good, deg.
 GOOD_HEADING = 5.0
+# An arm whose mean square is less than so much of a fix's adds nothing to positions.
+MUCH_BETTER = 0.1
 
 
 @dataclass(frozen=True)
@@ -201,7 +203,8 @@ class FilterStart:
         """Second moments of the errors of the latency and lever arm used, of s and m, (4, 4).
 
         What nobody gave and the log does not show is as uncertain as latencies and arms are. An arm
-        matters where fixes are better than it is known.
+        matters where fixes are better than it is known. Where it is known much better than they
+        are, it moves no position, but velocities wherever the vehicle turns quickly.
         """
         configured = self.latency_status == "given"
         arm = 0.0 if self.arm_status == "given" else ARM_USUAL_M**2
@@ -209,7 +212,8 @@ class FilterStart:
         if self.offsets is not None:
             moment = self.offsets.error_of(self.settings.gnss_latency, configured)
         contradicted = self.offsets is not None and self.offsets.arm_contradicts
-        matters = np.trace(moment[1:, 1:]) > 3.0 * self.fix_sigma_m**2
+        square, fix = float(np.trace(moment[1:, 1:])), self.fix_sigma_m**2
+        matters = not MUCH_BETTER * fix < square < 3.0 * fix
         if self.arm_status == "open" and not (matters or contradicted):
             moment[1:], moment[:, 1:] = 0.0, 0.0
         return moment

@@ -248,7 +248,8 @@ def _drifting(
             why, before = "by its drift without fixes", start.grade.grade
             judged = ImuGrade(better, why, by_drift=True, aligned_as=before)
             begun = regraded(source, config, first, judged)
-            start = timed(source, config, algorithm, begun)
+            same = as_graded(source, config, start, judged)
+            start = _timed_unless(source, config, algorithm, begun, same)
             start, drift = _as_quiet_as_in_motion(source, config, algorithm, start)
             factors = drift.factors()
             log_choice("IMU grade", f"{better}, {judged.why}")
@@ -324,17 +325,38 @@ def _as_judged(
     start: FilterStart,
     judged: ImuGrade,
 ) -> tuple[FilterStart, FilterStart]:
-    """A first start and a start with an Imu that innovations have judged."""
+    """A first start and a start with an Imu that innovations have judged.
+
+    It is aligned as such a one, unless it was, that is too uncertain for a start, or the fixes are
+    clearly likelier with the attitude, the latency and the arm found before: what a receiver does
+    is none of the Imu's.
+    """
     before = start.grade.grade
-    if judged.grade != before:
-        with suppress(AlignmentError):
-            begun = _begun_as(source, config, first, judged, start.lag)
-            return begun, timed(source, config, algorithm, begun)
-    # Aligned as such a one already, or too uncertain for a start as such a one
-    judged = replace(judged, why=f"{start.grade.why}; {judged.why}", aligned_as=before)
-    other = as_graded(source, config, start, judged)
+    kept = replace(judged, why=f"{start.grade.why}; {judged.why}", aligned_as=before)
+    other = as_graded(source, config, start, kept)
     aligned = imu_noise(config, before, has_scales(config))
-    return replace(first, grade=judged), _less_level(other, aligned, other.settings.imu)
+    same = replace(first, grade=kept), _less_level(other, aligned, other.settings.imu)
+    if judged.grade == before:
+        return same
+    with suppress(AlignmentError):
+        begun = _begun_as(source, config, first, judged, start.lag)
+        anew = _timed_unless(source, config, algorithm, begun, same[1])
+        return same if anew is same[1] else (begun, anew)
+    return same
+
+
+def _timed_unless(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    begun: FilterStart,
+    same: FilterStart,
+) -> FilterStart:
+    """A first start timed anew, unless the fixes are clearly likelier with the `same` as before."""
+    anew = timed(source, config, algorithm, begun)
+    fits = [fit(source, config, algorithm, start.by_the_fixes) for start in (anew, same)]
+    worse = fits[0] is not None and fits[1] is not None and fits[0].worse_than(fits[1])
+    return same if worse else anew
 
 
 def _less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> FilterStart:

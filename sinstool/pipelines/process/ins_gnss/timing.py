@@ -45,12 +45,13 @@ LEAST_S = 0.01
 USED = 2.5
 # What was found may be a wrong one of several latencies that explain a shaken antenna about as
 # well, where innovations squared stay so many times what a filter expects, where an estimate goes
-# further than the latency that it was made about, or back, by so many of its sigmas, or where the
-# antenna is not where it was said to be. Then it is sought anew from the best of these, s, and of
-# those about that one. Where an antenna shakes at 10 Hz and more only a few ms from the right one
-# show it.
+# further than the latency that it was made about, or back, by so many of its sigmas, where from the
+# first to the last it has gone along by so much of the way, or where the antenna is not where it
+# was said to be. Then it is sought anew from the best of these, s, and of those about that one.
+# Where an antenna shakes at 10 Hz and more only a few ms from the right one show it.
 MISFIT = 4.0
 BACK, FURTHER, JUMPED = -0.5, 1.0, 5.0
+ALONG = 0.9
 LATENCIES = np.arange(-0.1, 0.26, 0.02)
 NEARER = 0.005 * np.arange(-3, 4)
 LEAST_LAG_S = 0.02
@@ -100,6 +101,7 @@ def with_offsets(
 
     # By all fixes, as a gate leaves out those that contradict
     tried: list[tuple[float, ReceiverOffsets]] = []
+    made: list[tuple[float, ReceiverOffsets]] = []
 
     def evaluate(latency: float, arm_b: np.ndarray | None, gated: bool) -> ReceiverOffsets | None:
         try:
@@ -115,13 +117,15 @@ def with_offsets(
             fixes = fixes.rows(~outlying(fixes))
         assumed_b, given = stated_b or np.zeros(3), stated_b is not None
         shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b, given)
-        if shown is not None and not gated:
-            tried.append((latency, shown))
+        if shown is not None:
+            made.append((latency, shown))
+            if not gated:
+                tried.append((latency, shown))
         return shown
 
     used, offsets, agrees = settle(evaluate, assumed)
     at_first = tried[0][1].square if tried else 0.0
-    if _doubtful(tried):
+    if _doubtful(tried) or _went_along(made):
         least = tried[-1][1].misfit
         tried.clear()
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
@@ -213,6 +217,20 @@ def _doubtful(tried: list[tuple[float, ReceiverOffsets]]) -> bool:
         if jumped and not BACK < slope < FURTHER:
             return True
     return False
+
+
+def _went_along(made: list[tuple[float, ReceiverOffsets]]) -> bool:
+    """Whether estimates went where the latencies, s, that they were made about went.
+
+    A filter that leaves out the fixes that contradict a wrong latency finds whatever it is given:
+    the next estimate lies beside it, and no two neighbours differ by much.
+    """
+    if len(made) < 2:
+        return False
+    (first, shown), (last, follows) = made[0], made[-1]
+    change, way = follows.latency_s - shown.latency_s, last - first
+    far = abs(change) > JUMPED * max(shown.sigma_s, follows.sigma_s)
+    return far and change * way > ALONG * way**2
 
 
 def _with_same_start(

@@ -132,8 +132,7 @@ def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tup
         if gap:
             begin, end = event.time_ns, event.time_ns + round(event.size * SECOND)
         elif event.kind in ("restart", "covariance-lost"):
-            used = gnss.time_ns[gnss.used & (gnss.time_ns < event.time_ns)]
-            begin = int(used[-1]) if len(used) else int(gnss.time_ns[0])
+            begin = _last_believed(gnss, event)
             end = event.time_ns
         else:
             continue
@@ -142,6 +141,21 @@ def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tup
         else:
             spans.append((begin, end, gap))
     return spans
+
+
+def _last_believed(gnss: GnssDiagnostics, event: FilterEvent) -> int:
+    """When a fix was used last before a filter restarted.
+
+    The fix with which it restarts is used, and valid a little before the update that is the time of
+    the event. Velocities that come apart from positions may be believed all the while.
+    """
+    kind = np.asarray(np.isfinite(gnss.innovation[:, :3]).any(axis=1))
+    anew = np.flatnonzero(gnss.restarted & (gnss.time_ns <= event.time_ns))
+    believed = gnss.used & ~gnss.restarted & (gnss.time_ns < event.time_ns)
+    if len(anew) and event.kind == "restart":
+        believed &= kind == kind[anew[-1]]
+    used = gnss.time_ns[believed]
+    return int(used[-1]) if len(used) else int(gnss.time_ns[0])
 
 
 def _stretch(

@@ -304,6 +304,42 @@ def test_another_grade_is_aligned_as_before_rather_than_at_another_time(
     assert start._begun_as(None, ProcessConfig(), first, grade, 0.0).how == begun
 
 
+@dataclass
+class Choice:
+    """Of a start what a choice between two of them looks at."""
+
+    how: str
+    grade: ImuGrade
+    settings: SimpleNamespace
+    by_the_fixes: str = ""
+    lag: float = 0.0
+
+    def __post_init__(self):
+        self.by_the_fixes = self.how
+
+
+@pytest.mark.parametrize(("costs", "used"), [((30.0, 20.0), "kept"), ((20.0, 30.0), "anew")])
+def test_another_grade_keeps_a_latency_that_explains_the_fixes_better(monkeypatch, costs, used):
+    """A tractor's antenna was 0.3 s late, and its heading off by 160 deg once it was a chip's."""
+    cost = dict(zip(("anew", "kept"), costs, strict=True))
+    mems, chip = ImuGrade("mems", "by its noise"), ImuGrade("consumer", "by innovations")
+
+    def begun(how, grade):
+        return Choice(how, grade, SimpleNamespace(imu=None))
+
+    monkeypatch.setattr(start, "as_graded", lambda *_: begun("kept", chip))
+    monkeypatch.setattr(start, "_less_level", lambda other, *_: other)
+    monkeypatch.setattr(start, "_begun_as", lambda *_: begun("first", chip))
+    monkeypatch.setattr(start, "timed", lambda *_: begun("anew", chip))
+    monkeypatch.setattr(start, "fit", lambda _, __, ___, how: Fit(1.0, cost[how], 100))
+    first, other = start._as_judged(
+        None, ProcessConfig(), None, begun("before", mems), begun("before", mems), chip
+    )
+    assert other.how == used
+    # It says as what it was aligned
+    assert first.grade.aligned_as == ("mems" if used == "kept" else None)
+
+
 @pytest.mark.slow
 def test_sensors_of_consumers_are_known_as_well_as_they_say(tmp_path):
     """Tilts were 2.1 sigmas off (rms), as scale factors of 0.8 % and angles of 8 mrad were not in

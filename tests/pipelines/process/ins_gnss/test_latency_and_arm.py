@@ -34,7 +34,7 @@ from tests.helpers.unseen_drives import (
     write,
 )
 from tests.helpers.unseen_errors import shaken, slower
-from tests.helpers.unseen_vehicles import train
+from tests.helpers.unseen_vehicles import motorcycle, tractor, train
 
 CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 KIND = {"gyro_kind": "mean-rate"}
@@ -180,6 +180,22 @@ def test_metres_of_noise_say_nothing_of_an_antenna_and_do_not_care(tmp_path, roa
     start = start_of(log, input=KIND)
     assert start.arm_status == "open" and not any(start.settings.lever_arm_b)
     assert not start.offsets_error[1:].any()
+
+
+def test_an_arm_much_better_known_than_fixes_are_good_is_in_what_velocities_lack(tmp_path):
+    """Of a decimetre that is too little to be used, a lean makes a tenth of a metre a second."""
+    truth, arm = motorcycle(2, 160.0), np.array([0.0, 0.0, -0.11])
+    noise = {"gnss_rate": 5.0, "sigma": 0.8, "sigma_v": 0.03, "lever": arm}
+    log = write(tmp_path / "log.mcap", record(truth, GRADES["tactical"], 2, **noise))
+    start = start_of(log, input=KIND, gnss={"gnss_latency": 0.0})
+    assert start.arm_status == "open" and not any(start.settings.lever_arm_b)
+    sigma = np.sqrt(np.diag(start.offsets_error))
+    assert sigma[3] == pytest.approx(0.11, abs=0.04) and sigma[1:].max() < start.fix_sigma_m
+    # No such moments of an arm that the log does not show
+    unknown = replace(start.offsets, covariance=np.diag([1e-6, 1.0, 1.0, 1.0]))
+    coarse = replace(start.settings.gnss, position_markov=(1.2, 1.2, 2.0))
+    coarse = replace(start.settings, gnss=coarse)
+    assert not replace(start, offsets=unknown, settings=coarse).offsets_error.any()
 
 
 def test_sensors_that_say_little_of_tilt_do_not_raise_or_lower_the_antenna(tmp_path):
@@ -335,6 +351,22 @@ def test_estimates_that_lead_away_from_the_likeliest_latency_are_not_believed(ro
     assert likeliest(lambda *_: None, (0.0, 0.5), None) is None
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_rough_squares_show_a_latency_as_far_as_they_are_no_larger(seed):
+    """A cable car's ran away to 0.97 s, as no parabola was found through what each epoch moves."""
+    random = np.random.default_rng(seed)
+    rough: dict[float, float] = {}
+
+    def about(latency, *_):
+        shown = offsets_at(0.1 + 0.9 * latency, 0.02)
+        square = 0.6 + 0.1 * abs(latency) + rough.setdefault(latency, 0.004 * random.random())
+        return replace(shown, square=square, rows=9500.0, given=False)
+
+    used, offsets = likeliest(about, (0.0, 0.92), None)
+    assert abs(used) < 0.05 and abs(used) < 3.0 * offsets.sigma_s < 0.3
+    assert offsets.latency_s == pytest.approx(used, abs=2.0 * offsets.sigma_s)
+
+
 def test_where_all_fixes_would_be_left_out_none_is():
     def bad_start(latency, _, gated):
         return None if gated else offsets_at(0.1 + 0.1 * (latency - 0.1), 0.001)
@@ -379,6 +411,33 @@ def test_a_shaken_antenna_hides_no_latency(tmp_path, moving, seed):
     assert start.latency_status == "found"
     assert abs(start.settings.gnss_latency - 0.2) < 5e-3
     assert not start.offsets.arm_contradicts
+
+
+@pytest.mark.parametrize(("moving", "seed"), [(drive, 1), (drive, 3), (tractor, 1)])
+def test_an_antenna_on_a_vehicle_that_an_engine_shakes_is_where_it_is(tmp_path, moving, seed):
+    """No receiver follows what the gyros feel of an engine: arms were too short by up to 2 m."""
+    noise = {"gnss_rate": 5.0, "sigma": 0.02, "sigma_v": 0.03, "latency": 0.1}
+    data = record(moving(seed, 160.0), GRADES["tactical"], seed, **noise)
+    log = write(tmp_path / "log.mcap", shaken(data, seed, 0.5, 0.1))
+    first, motion = first_start_of(log, input=KIND, gnss=given(0.1))
+    shown = estimate_offsets(first.start, first.settings, [motion], first.used)
+    assert np.all(np.abs(shown.arm_off_b) < 3.0 * shown.arm_off_sigma_b)
+    assert not shown.arm_contradicts and shown.sigma_s < 0.005
+
+
+@pytest.mark.parametrize(
+    ("estimates", "along"),
+    [
+        ([(0.0, 0.002), (0.002, -0.013), (-0.05, -0.07), (-0.12, -0.12)], True),
+        ([(0.0, 0.07), (0.07, 0.095), (0.1, 0.1)], False),
+        ([(0.0, 0.004), (0.004, 0.005)], False),  # noise
+        ([(0.1, 0.101)], False),
+    ],
+)
+def test_estimates_that_go_where_they_are_led_are_doubted(estimates, along):
+    """Each next to the latency before, as a gate had left out what contradicts: 0.2 s was true."""
+    made = [(about, offsets_at(latency, 0.003)) for about, latency in estimates]
+    assert timing._went_along(made) == along
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ def epochs(gated=(), number=200):
         rows=np.full(number, 3),
         used=~rejected,
         gated=rejected,
-        restarted=flags,
+        restarted=flags.copy(),
         withheld=flags,
     )
 
@@ -47,6 +47,23 @@ def test_before_a_restart_nothing_is_to_be_trusted():
     assert "from 89.0 to 105.0 s" in findings[0].text
     assert (findings[0].start_ns, findings[0].end_ns) == (79 * SECOND, 95 * SECOND)
     assert exit_status(findings) == 3
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_the_fix_with_which_a_filter_restarts_does_not_end_its_doubts(apart):
+    """It is used, and valid before the update that restarts; velocities are believed throughout."""
+    gnss = epochs(gated=range(80, 96))
+    position = np.ones(200, bool)
+    if apart:
+        position[::2] = False
+        gnss.used[80:97:2], gnss.gated[80:97:2] = True, False
+    gnss.innovation[position, :3], gnss.innovation[~position, 3:] = 30.0, 0.1
+    gnss.used[95], gnss.gated[95], gnss.restarted[95] = True, False, True
+    restart = FilterEvent("restart", 95 * SECOND + 4_000_000, 99.0)
+    (finding,) = untrusted(gnss, [restart], 1.0, 0)
+    assert (finding.start_ns, finding.end_ns) == (79 * SECOND, restart.time_ns)
+    ((begin, end, far),) = doubts(gnss, [restart])
+    assert (begin, end) == (79 * SECOND, restart.time_ns) and far[0] == 30.0
 
 
 def test_a_gap_is_a_warning():
