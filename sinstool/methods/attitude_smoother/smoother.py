@@ -106,7 +106,7 @@ def smooth(
     poor = _poor(sensors, smoothed[-1], covariance[-1])
     if motion.finds_bias:
         shown = covariance[-1, BIASES]
-        left = _of_poor(shown, sensors.accel_bias, poor)
+        left = _of_poor(shown, result.accel_bias, poor)
         sigma = sqrt(np.mean(left))
         attitude[:, [0, 1], [0, 1]] += np.mean(left - shown) / GRAVITY**2
         # What the gyros' axes are off those of the accelerometers: the tilt of a vehicle that turns
@@ -167,11 +167,15 @@ def _turns(q: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Result:
-    """Of passes that converged: states and covariances at the limits of epochs, likelihood."""
+    """Of passes that converged: states and covariances at the limits of epochs, likelihood.
+
+    `accel_bias` is what they took for the standard deviation of the accelerometers' biases, m/s^2.
+    """
 
     states: FloatArray
     covariance: FloatArray
     likelihood: float
+    accel_bias: float
 
 
 @dataclass(frozen=True)
@@ -205,7 +209,7 @@ class _Run:
                     break
                 motion, rounds = fitted, rounds + 1
                 sensors = replace(sensors, accel_bias=bias) if more else sensors
-        return _Result(near, covariance, likelihood)
+        return _Result(near, covariance, likelihood, sensors.accel_bias)
 
     def _bias_shown(
         self, motion: MotionModel, smoothed: FloatArray, covariance: FloatArray
@@ -291,7 +295,7 @@ def _of_poor(shown: FloatArray, grade: float, poor: float) -> FloatArray:
     shown : ndarray, shape (3,)
         Those left of the biases that the grade allows, m^2/s^4.
     grade, poor : float
-        Standard deviations, m/s^2.
+        Standard deviations that were assumed and that may be, m/s^2.
     """
     if poor <= grade:
         return shown

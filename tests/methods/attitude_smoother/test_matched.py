@@ -430,6 +430,22 @@ def test_a_vehicle_that_turns_about_shows_the_bias_of_its_accelerometers(grade):
     assert np.sqrt(np.mean(np.square(off))) < 1.5 * sigma
 
 
+@pytest.mark.parametrize("gyro_bias", [0.003, 0.006])
+def test_large_biases_of_accelerometers_beside_gyros_of_a_usual_bias(gyro_bias):
+    """What the gyros' bias says of the accelerometers' takes nothing off the covariance of tilt."""
+    for seed in range(3):
+        drives = replace(SENSORS, accel_bias=0.3, rate_error=5e-4)
+        log_ = drawn(VEHICLE, drives, 300.0, seed, turning=0.1)
+        known = {"accel_bias": 0.03, "bias_removed": (gyro_bias, 0.0, 0.0)}
+        found = smoother.smooth(epochs_of(log_.solution), VEHICLE, replace(drives, **known))
+        alone = smoother.smooth(
+            epochs_of(log_.solution), VEHICLE, replace(drives, accel_bias=0.03, bias_removed=None)
+        )
+        tilt = np.einsum("nii->ni", found.covariance_n)[:, :2]
+        assert np.all(tilt > 0.999 * np.einsum("nii->ni", alone.covariance_n)[:, :2])
+        assert found.accel_bias_sigma > 0.999 * alone.accel_bias_sigma
+
+
 def test_a_bias_by_which_the_first_attitude_was_levelled():
     """The filter says the same of both: the tilt is off by the bias, whichever it is."""
     biased = replace(SENSORS, accel_bias=0.05)
