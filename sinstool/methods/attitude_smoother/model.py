@@ -8,7 +8,13 @@ from typing import Literal
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import EARTH_RATE
-from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade, uncalibrated
+from sinstool.methods.sensor_errors import (
+    IMU_GRADES,
+    LOW_COST,
+    UNCALIBRATED_BY,
+    Grade,
+    uncalibrated,
+)
 
 MotionName = Literal["hand", "vehicle"]
 
@@ -142,6 +148,7 @@ class SensorModel:
 
 # The bias of low-cost gyros where no rest has shown it, and about the mean rate of a rest, rad/s.
 _MEMS = SensorModel()
+_BARE = IMU_GRADES["consumer"]
 _MEMS_BIAS_AFTER_REST = 5e-3
 _SHORT_REST_S = 5.0
 # A bias as uncertain as this makes a first pass linear about a wrong attitude, rad/s.
@@ -172,9 +179,23 @@ def poor_accel_bias(gyro_bias: FloatArray) -> float:
     return POOR_ACCEL_BIAS * sqrt(uncalibrated(gyro_bias))
 
 
-def with_warming(sensors: SensorModel, gyro_bias: FloatArray) -> SensorModel:
-    """The sensors, which nothing compensates for temperature where they surely are uncalibrated."""
-    if uncalibrated(gyro_bias) < SURE:
+def as_calibrated(sensors: SensorModel, gyro_bias: FloatArray) -> SensorModel:
+    """The sensors, with errors of the gyros as far as their bias tells that they are calibrated.
+
+    Scale factors and axes are those between a calibrated module and a bare chip, by their
+    logarithms. Nothing compensates for temperature where they surely are uncalibrated.
+    """
+    share = uncalibrated(gyro_bias)
+    scale, axes = _BARE.gyro_scale / _MEMS.gyro_scale, UNCALIBRATED_BY
+    bare = hypot(_BARE.gyro_scale, _BARE.gyro_misalignment)
+    more = bare / hypot(_MEMS.gyro_scale, _MEMS.gyro_misalignment)
+    sensors = replace(
+        sensors,
+        rate_error=max(sensors.rate_error, _MEMS.rate_error * more**share),
+        gyro_scale=max(sensors.gyro_scale, _MEMS.gyro_scale * scale**share),
+        gyro_misalignment=max(sensors.gyro_misalignment, _MEMS.gyro_misalignment * axes**share),
+    )
+    if share < SURE:
         return sensors
     return replace(
         sensors,

@@ -23,6 +23,7 @@ from sinstool.methods.attitude_smoother.model import (
     VEHICLE,
     MotionModel,
     SensorModel,
+    as_calibrated,
     poor_accel_bias,
 )
 from sinstool.methods.attitude_smoother.start import NO_KINDS, Prior, first_state, parameters
@@ -103,7 +104,11 @@ def smooth(
     smoothed, covariance = result.states, result.covariance
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
-    poor = _poor(sensors, smoothed[-1], covariance[-1])
+    gyro_bias = _found_bias(sensors, smoothed[-1], covariance[-1])
+    poor = 0.0
+    if gyro_bias is not None:
+        sensors = as_calibrated(sensors, gyro_bias)
+        poor = poor_accel_bias(gyro_bias) if sensors.accel_bias else 0.0
     if motion.finds_bias:
         shown = covariance[-1, BIASES]
         left = _of_poor(shown, result.accel_bias, poor)
@@ -279,12 +284,12 @@ def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
     return GRAVITY + min(max(excess, -LIKELY_EXCESS), LIKELY_EXCESS)
 
 
-def _poor(sensors: SensorModel, state_: FloatArray, kept: FloatArray) -> float:
-    """What a lack of calibration adds to the accelerometers' bias, m/s^2, by the gyros' bias."""
+def _found_bias(sensors: SensorModel, state_: FloatArray, kept: FloatArray) -> FloatArray | None:
+    """Bias of gyros that may be uncalibrated, rad/s; None of others, or where it is not known."""
     known = float(np.sqrt(kept[9:12].max())) < CALIBRATED
-    if sensors.bias_removed is None or not known or not sensors.accel_bias:
-        return 0.0
-    return poor_accel_bias(state_[state.B : state.B + 3] + sensors.bias_removed)
+    if sensors.bias_removed is None or not known:
+        return None
+    return np.asarray(state_[state.B : state.B + 3] + sensors.bias_removed)
 
 
 def _of_poor(shown: FloatArray, grade: float, poor: float) -> FloatArray:

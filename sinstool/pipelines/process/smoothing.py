@@ -31,8 +31,8 @@ from sinstool.methods.attitude_smoother.epochs import (
 from sinstool.methods.attitude_smoother.model import (
     LARGE_BIAS,
     SensorModel,
+    as_calibrated,
     sensor_model,
-    with_warming,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, runs, with_rest
@@ -226,7 +226,7 @@ class Smoothing:
         sensors = sensor_model(grade, bias_known=alignment.bias_source != "none", **about)
         sensors = replace(sensors, bias_removed=removed)
         if removed is not None:
-            sensors = with_warming(sensors, alignment.gyro_bias)
+            sensors = as_calibrated(sensors, alignment.gyro_bias)
         if alignment.gyro_bias_sigma is not None:
             bias = CAUTION * alignment.gyro_bias_sigma
             sensors = replace(sensors, bias=min(sensors.bias, bias))
