@@ -105,10 +105,12 @@ def smooth(
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
     gyro_bias = _found_bias(sensors, smoothed[-1], covariance[-1])
-    poor = 0.0
     if gyro_bias is not None:
         sensors = as_calibrated(sensors, gyro_bias)
-        poor = poor_accel_bias(gyro_bias) if sensors.accel_bias else 0.0
+    poor = 0.0
+    if sensors.bias_removed is not None and sensors.accel_bias:
+        off = gravity_off(_gravity_shown(epochs, smoothed), prior.gravity)
+        poor = poor_accel_bias(gyro_bias, off)
     if motion.finds_bias:
         shown = covariance[-1, BIASES]
         left = _of_poor(shown, result.accel_bias, poor)
@@ -278,10 +280,15 @@ def _widened(best: _Result, found: list[_Result]) -> _Result:
 def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
     """Size of gravity that the log shows, m/s^2: at rest, else the smoother's estimate."""
     if epochs.rest.any():
-        force = epochs.values[epochs.rest, ACCEL : ACCEL + 3]
-        return float(median(np.linalg.norm(force, axis=1)))
+        return gravity_at_rest(epochs)
     excess = float(median(smoothed[:, state.G]))
     return GRAVITY + min(max(excess, -LIKELY_EXCESS), LIKELY_EXCESS)
+
+
+def gravity_at_rest(epochs: Epochs) -> float:
+    """Size of gravity, m/s^2, in the epochs that are marked as rest."""
+    force = epochs.values[epochs.rest, ACCEL : ACCEL + 3]
+    return float(median(np.linalg.norm(force, axis=1)))
 
 
 def _found_bias(sensors: SensorModel, state_: FloatArray, kept: FloatArray) -> FloatArray | None:
@@ -290,6 +297,13 @@ def _found_bias(sensors: SensorModel, state_: FloatArray, kept: FloatArray) -> F
     if sensors.bias_removed is None or not known:
         return None
     return np.asarray(state_[state.B : state.B + 3] + sensors.bias_removed)
+
+
+def gravity_off(shown: float, gravity: float | None) -> float:
+    """By which gravity in a log differs in size from that of its place, m/s^2, at least."""
+    if gravity is None:
+        return max(0.0, abs(shown - MEAN_GRAVITY) - GRAVITY_RANGE)
+    return shown - gravity
 
 
 def _of_poor(shown: FloatArray, grade: float, poor: float) -> FloatArray:
@@ -327,10 +341,7 @@ def _accel_bias(
     """
     if not grade:
         return 0.0
-    if gravity is None:
-        off = max(0.0, abs(shown - MEAN_GRAVITY) - GRAVITY_RANGE)
-    else:
-        off = shown - gravity
+    off = gravity_off(shown, gravity)
     return sqrt((3.0 * grade**2 + off**2 + found.sum()) / (4.0 + len(found)))
 
 

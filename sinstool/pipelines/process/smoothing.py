@@ -30,13 +30,15 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 from sinstool.methods.attitude_smoother.model import (
     LARGE_BIAS,
+    POOR_ACCEL_BIAS,
     SensorModel,
+    accel_uncalibrated,
     as_calibrated,
     sensor_model,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion
 from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, runs, with_rest
-from sinstool.methods.attitude_smoother.smoother import smooth
+from sinstool.methods.attitude_smoother.smoother import gravity_at_rest, gravity_off, smooth
 from sinstool.methods.attitude_smoother.start import Prior
 from sinstool.methods.attitude_smoother.steady import turning, with_steady
 from sinstool.methods.sensor_errors import LOW_COST
@@ -237,6 +239,11 @@ class Smoothing:
             _first_tilt(alignment),
             None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
         )
+        if removed is not None and seen.rest.any():
+            known = alignment.gyro_bias if alignment.bias_source != "none" else None
+            off = gravity_off(gravity_at_rest(seen), prior.gravity)
+            if accel_uncalibrated(known, off) > 0.5:
+                sensors = replace(sensors, accel_bias=POOR_ACCEL_BIAS)
         # What looks like rest, before it is judged: the epochs are too many to keep them twice
         looks = seen.values[:, MARKS].copy()
         epochs, motion = self._judged(seen, looks, sensors, prior)
