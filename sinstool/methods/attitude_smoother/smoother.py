@@ -36,7 +36,7 @@ SEGMENT = 500
 AT_ONCE = 1 << 14
 # m/s^2: gravity on Earth, and how far from it that is anywhere below 3 km.
 MEAN_GRAVITY, GRAVITY_RANGE = 9.807, 0.03
-UNKNOWN_HEADING = np.pi / np.sqrt(3.0)  # rad
+UNKNOWN_ANGLE = np.pi / np.sqrt(3.0)  # rad
 # In motion a larger excess than this is not due to accelerometer biases alone, m/s^2.
 LIKELY_EXCESS = 0.3
 # Where the gyro bias is as uncertain as LARGE_BIAS, rad/s, or the first tilt proves wrong by FAR,
@@ -47,6 +47,9 @@ LIKELY_EXCESS = 0.3
 FAR, CLOSE = 0.05, 1e-3
 PASSES = 20
 WIDER = (4.0, 3.0, 2.0, 1.5)
+# A pass that is so much less likely than one before it, nat, leads away from the solution: the
+# likeliest counts, less certain by its own step. So it does where no pass is close to the last.
+LESS_LIKELY = 3.0
 # Beyond so many times the variance of velocity that the model of a vehicle allows, the model is
 # fitted to what a pass found, at most so many times.
 MORE, ROUNDS = 1.2, 4
@@ -100,7 +103,10 @@ def smooth(
         if motion.follows and other.likelihood > result.likelihood - FOLLOWS_MARGIN:
             found.append(run.converged(motion, other.states))
             result = max(found, key=lambda one: one.likelihood)
-        result = _widened(result, found)
+        if not result.likelihood > DIVERGED:
+            result = other
+        if result.likelihood > DIVERGED:
+            result = _widened(result, found)
     smoothed, covariance = result.states, result.covariance
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
@@ -130,7 +136,7 @@ def smooth(
     else:
         attitude[:, 2, 2] += north.variance
     # No heading is less certain than one that is uniform over a whole turn.
-    share = np.minimum(1.0, UNKNOWN_HEADING / np.sqrt(attitude[:, 2, 2]))[:, None]
+    share = np.minimum(1.0, UNKNOWN_ANGLE / np.sqrt(attitude[:, 2, 2]))[:, None]
     attitude[:, 2, :] *= share
     attitude[:, :, 2] *= share
     return Correction(
@@ -142,6 +148,7 @@ def smooth(
         np.sqrt(covariance[:, 9:12]),
         sigma,
         smoothed[-1, state.A : state.A + 3].copy() if motion.finds_bias else None,
+        not result.likelihood > DIVERGED,
     )
 
 
@@ -201,22 +208,40 @@ class _Run:
         covariance = np.empty((len(epochs) + 1, state.KEPT))
         wider = WIDER if self.sensors.bias > LARGE_BIAS and not len(near) else ()
         rounds = 0
+        likeliest: _Result | None = None
         for k in range(PASSES):
             model = motion.with_density(motion.density * wider[k]) if k < len(wider) else motion
             first = _first(epochs, model, sensors, self.prior, self.north)
             before = near
             near, likelihood = _pass(epochs, model, sensors, first, field, before, covariance)
+            if likeliest is not None and not likelihood > likeliest.likelihood - LESS_LIKELY:
+                return likeliest
             begun = before if len(before) else first[0][None]
             close = CLOSE if len(before) else FAR
-            if k >= len(wider) and _moved(begun, near[: len(begun)]) < close:
+            if k < len(wider) or not likelihood > DIVERGED:
+                continue
+            result = _Result(near, covariance, likelihood, sensors.accel_bias)
+            if _moved(begun, near[: len(begun)]) < close:
                 fitted = _as_fast(motion, epochs, near, covariance)
                 bias = self._bias_shown(motion, near, covariance)
                 more = bias**2 > MORE * sensors.accel_bias**2
                 if (fitted is motion and not more) or rounds == ROUNDS:
-                    break
-                motion, rounds = fitted, rounds + 1
+                    return result
+                motion, rounds, likeliest = fitted, rounds + 1, None
                 sensors = replace(sensors, accel_bias=bias) if more else sensors
-        return _Result(near, covariance, likelihood, sensors.accel_bias)
+            elif len(before) and (likeliest is None or likelihood > likeliest.likelihood):
+                likeliest = _farther(result, before, 1.0)
+        return likeliest or self._nothing(motion)
+
+    def _nothing(self, motion: MotionModel) -> _Result:
+        """The integrated attitude, of which nothing is known, as the filter diverged."""
+        x, _ = _first(self.epochs, motion, self.sensors, self.prior, self.north)
+        covariance = np.zeros((len(self.epochs) + 1, state.KEPT))
+        covariance[:, [0, 4, 8]] = UNKNOWN_ANGLE**2
+        covariance[:, 9:12] = self.sensors.bias**2
+        covariance[:, BIASES] = self.sensors.accel_bias**2
+        states = np.tile(x, (len(covariance), 1))
+        return _Result(states, covariance, DIVERGED, self.sensors.accel_bias)
 
     def _bias_shown(
         self, motion: MotionModel, smoothed: FloatArray, covariance: FloatArray
@@ -265,16 +290,22 @@ def _widened(best: _Result, found: list[_Result]) -> _Result:
     """
     weight = np.exp([TEMPERED * (one.likelihood - best.likelihood) for one in found])
     weight /= weight.sum()
-    covariance = best.covariance.copy()
-    q = from_dcm(best.states[:, :9].reshape(-1, 3, 3))
+    wide = best
     for share, one in zip(weight, found, strict=True):
-        if one is best:
-            continue
-        off = log(multiply(from_dcm(one.states[:, :9].reshape(-1, 3, 3)), conjugate(q)))
-        covariance[:, :9] += share * (off[:, :, None] * off[:, None, :]).reshape(-1, 9)
-        bias = slice(state.B, state.B + 3)
-        covariance[:, 9:12] += share * (one.states[:, bias] - best.states[:, bias]) ** 2
-    return replace(best, covariance=covariance)
+        if one is not best:
+            wide = _farther(wide, one.states, share)
+    return wide
+
+
+def _farther(result: _Result, other: FloatArray, share: float) -> _Result:
+    """A result whose covariance has a share of the squared distance of other states."""
+    covariance = result.covariance.copy()
+    q = from_dcm(result.states[:, :9].reshape(-1, 3, 3))
+    off = log(multiply(from_dcm(other[:, :9].reshape(-1, 3, 3)), conjugate(q)))
+    covariance[:, :9] += share * (off[:, :, None] * off[:, None, :]).reshape(-1, 9)
+    bias = slice(state.B, state.B + 3)
+    covariance[:, 9:12] += share * (other[:, bias] - result.states[:, bias]) ** 2
+    return replace(result, covariance=covariance)
 
 
 def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:

@@ -318,13 +318,22 @@ class Smoothing:
         self._worst_ns = int(correction.time_ns[worst])
         self._unsure, self._denied = not motion.sure, motion.denied
         self._rested = bool(epochs.rest.any())
+        self._diverged = correction.diverged
 
     def findings(self) -> Iterator[Finding]:
         """Findings about the smoothed attitude."""
         s, first_ns = self.summary, self._source.survey.first_ns
         if self._magnetic is not None:
             yield from self._magnetic.findings()
-        if s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
+        if self._diverged:
+            yield Finding(
+                "diverged",
+                "gravity and the gyros contradict each other in all of the log, so roll and pitch"
+                " are those of the gyros alone: do not trust them",
+                severity=Severity.LOST,
+                answer="look at what info says of units, axes and ranges",
+            )
+        elif s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
             at = (self._worst_ns - first_ns) / SECOND
             yield Finding(
                 "uncertain-tilt",
