@@ -403,6 +403,7 @@ def known_level(epochs, tilt_sigma):
         gyro_bias_sigma=np.full((n + 1, 3), 1e-6),
         accel_bias_sigma=0.0,
         accel_bias=None,
+        diverged=False,
     )
 
 
