@@ -446,7 +446,7 @@ def test_large_biases_of_accelerometers_beside_gyros_of_a_usual_bias(gyro_bias):
         assert found.accel_bias_sigma > 0.999 * alone.accel_bias_sigma
 
 
-@pytest.mark.parametrize("likelihoods", [[-90, -80, -81, -99], [-90, -80, -81] * 7])
+@pytest.mark.parametrize("likelihoods", [[-90, -80, -81, -99], [-90, -80] + 18 * [-81]])
 def test_passes_that_lead_away_end_at_the_likeliest(likelihoods, monkeypatch):
     """It is as much less certain as its own step was long."""
     step, done = 0.2, []
