@@ -47,9 +47,10 @@ LIKELY_EXCESS = 0.3
 FAR, CLOSE = 0.05, 1e-3
 PASSES = 20
 WIDER = (4.0, 3.0, 2.0, 1.5)
-# A pass that is so much less likely than one before it, nat, leads away from the solution: the
-# likeliest counts, less certain by its own step. So it does where no pass is close to the last.
-LESS_LIKELY = 3.0
+# A pass that is so much less likely than one before it, nat, leads away from the solution: what
+# counts is the last one that is as likely as any, less certain by its own step. So it is where no
+# pass is close to the one before.
+LESS_LIKELY, AS_LIKELY = 3.0, 0.5
 # Beyond so many times the variance of velocity that the model of a vehicle allows, the model is
 # fitted to what a pass found, at most so many times.
 MORE, ROUNDS = 1.2, 4
@@ -207,15 +208,15 @@ class _Run:
         field = NO_FIELD if self.north is None else self.north.rows
         covariance = np.empty((len(epochs) + 1, state.KEPT))
         wider = WIDER if self.sensors.bias > LARGE_BIAS and not len(near) else ()
-        rounds = 0
-        likeliest: _Result | None = None
+        rounds, most = 0, DIVERGED
+        kept: _Result | None = None
         for k in range(PASSES):
             model = motion.with_density(motion.density * wider[k]) if k < len(wider) else motion
             first = _first(epochs, model, sensors, self.prior, self.north)
             before = near
             near, likelihood = _pass(epochs, model, sensors, first, field, before, covariance)
-            if likeliest is not None and not likelihood > likeliest.likelihood - LESS_LIKELY:
-                return likeliest
+            if kept is not None and not likelihood > most - LESS_LIKELY:
+                return kept
             begun = before if len(before) else first[0][None]
             close = CLOSE if len(before) else FAR
             if k < len(wider) or not likelihood > DIVERGED:
@@ -227,11 +228,11 @@ class _Run:
                 more = bias**2 > MORE * sensors.accel_bias**2
                 if (fitted is motion and not more) or rounds == ROUNDS:
                     return result
-                motion, rounds, likeliest = fitted, rounds + 1, None
+                motion, rounds, most, kept = fitted, rounds + 1, DIVERGED, None
                 sensors = replace(sensors, accel_bias=bias) if more else sensors
-            elif len(before) and (likeliest is None or likelihood > likeliest.likelihood):
-                likeliest = _farther(result, before, 1.0)
-        return likeliest or self._nothing(motion)
+            elif len(before) and likelihood > most - AS_LIKELY:
+                most, kept = max(most, likelihood), _farther(result, before, 1.0)
+        return kept or self._nothing(motion)
 
     def _nothing(self, motion: MotionModel) -> _Result:
         """The integrated attitude, of which nothing is known, as the filter diverged."""
