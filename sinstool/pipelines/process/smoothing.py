@@ -165,6 +165,7 @@ class Smoothing:
             north = self._magnetic.north(epochs, correction.at(epochs.time_ns))
             if north is not None:
                 correction = smooth(epochs, motion.model, sensors, prior, north)
+                self._magnetic.hold_against(epochs, correction)
             self.north_referenced = self._magnetic.north_referenced
         if not self._plan.gyro_samples.configured:
             correction = correction.of_samples(epochs)
