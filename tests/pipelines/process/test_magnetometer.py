@@ -233,7 +233,7 @@ def test_recorded_logs_in_other_axes_are_refused(tmp_path):
 
 
 def findings_of(trusted, off=0.0):
-    """What is said of a magnetometer that is used, by its share of trust and the headings' error."""
+    """What is said of a magnetometer that is used."""
     iron = SimpleNamespace(applied=False, seen=True)
     compass = SimpleNamespace(
         north=object(), hard_iron=iron, of_place=True, trusted=trusted, scatter=0.0
