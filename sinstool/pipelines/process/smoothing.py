@@ -240,11 +240,6 @@ class Smoothing:
             _first_tilt(alignment),
             None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
         )
-        if removed is not None and seen.rest.any():
-            known = alignment.gyro_bias if alignment.bias_source != "none" else None
-            off = gravity_off(gravity_at_rest(seen), prior.gravity)
-            if accel_uncalibrated(known, off) > 0.5:
-                sensors = replace(sensors, accel_bias=POOR_ACCEL_BIAS)
         # What looks like rest, before it is judged: the epochs are too many to keep them twice
         looks = seen.values[:, MARKS].copy()
         epochs, motion = self._judged(seen, looks, sensors, prior)
@@ -273,9 +268,19 @@ class Smoothing:
         motion_class = None if chosen == "auto" else chosen
         seen.values[:, MARKS] = looks
         still = seen.rest
-        epochs = confirmed(seen, sensors, prior.tilt, in_place=True)
+        epochs = confirmed(seen, self._doubted(seen, sensors, prior), prior.tilt, in_place=True)
         motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
         return with_steady(epochs, still, motion.model, sensors, prior, in_place=True), motion
+
+    def _doubted(self, seen: Epochs, sensors: SensorModel, prior: Prior) -> SensorModel:
+        """The sensors, with biases of accelerometers that gravity in what looks like rest shows."""
+        alignment = self._plan.alignment
+        if sensors.bias_removed is None or not seen.rest.any():
+            return sensors
+        known = alignment.gyro_bias if alignment.bias_source != "none" else None
+        off = gravity_off(gravity_at_rest(seen), prior.gravity)
+        poor = accel_uncalibrated(known, off) > 0.5
+        return replace(sensors, accel_bias=POOR_ACCEL_BIAS) if poor else sensors
 
     def _bias_epochs(self, epochs: Epochs) -> np.ndarray:
         """Which epochs lie in the rest whose mean rate was taken for the bias, shape (n,)."""
