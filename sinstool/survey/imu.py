@@ -432,7 +432,7 @@ def _conclude(
 
 def _stopped(row: np.ndarray, usual: float) -> bool:
     """Whether the largest value of an axis is the end of its range; columns as in `Tally`."""
-    largest, run, _, _, _, at_largest, just_below, others, changed = row.tolist()
+    largest, run, _, _, _, at_largest, just_below, others, changed, _ = row.tolist()
     if run < SATURATION_RUN or at_largest <= just_below:
         return False
     return largest > SATURATION_RATIO * usual or (run >= HELD_RUN and changed > CHANGING * others)

@@ -21,7 +21,7 @@ _BINS = int((_HIGH - _LOW) / _STEP) + 1
 _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_LISTED = 1000
 # Columns: see `_extremes`
-_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, 0.0, 0.0, 0.0, 0.0]
+_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0]
 # Values are just below the largest if so many steps below it at most.
 NEAR_STEPS = 8.0
 # A calibration spreads the end of a gyro's range by so much, as a fraction of the largest value;
@@ -204,8 +204,9 @@ def _extremes(gyro, accel, state, crowds):  # type: ignore[no-untyped-def]
     A repeated sample is no measurement and makes no run longer.
 
     Columns of ``state``: largest magnitude, longest run at it, present run, last value, smallest
-    step from one value to another, values at the largest magnitude and just below it, and, of all
-    others, how many there are and how many differ from the one before.
+    step from one value to another, values at the largest magnitude and just below it, of all others
+    how many there are and how many differ from the one before, and the value that is largest. Its
+    sign counts: integers end at -32768 and 32767, so a stop is just below the other.
 
     ``crowds``, of positive and of negative rates of each axis: the largest, how many are above
     `CROWD` of it, of those below how many are above `BELOW_CROWD`, how often the first were reached
@@ -230,11 +231,12 @@ def _extremes(gyro, accel, state, crowds):  # type: ignore[no-untyped-def]
             near = NEAR_STEPS * state[a, 4]
             if size > state[a, 0]:
                 # What was the largest is below it now: just below, or one of the others
-                if size <= state[a, 0] + near:
-                    state[a, 6] += state[a, 5]
-                else:
+                if size > state[a, 0] + near or value * state[a, 9] < 0.0:
                     state[a, 6] = 0.0
+                else:
+                    state[a, 6] += state[a, 5]
                 state[a, 0] = size
+                state[a, 9] = value
                 state[a, 1] = 1.0
                 state[a, 2] = 1.0
                 state[a, 5] = 1.0
@@ -245,7 +247,8 @@ def _extremes(gyro, accel, state, crowds):  # type: ignore[no-untyped-def]
             else:
                 state[a, 2] = 0.0
                 if size >= state[a, 0] - near:
-                    state[a, 6] += 1.0
+                    if value * state[a, 9] >= 0.0:
+                        state[a, 6] += 1.0
                 else:
                     state[a, 7] += 1.0
                     if step > 0.0:

@@ -278,6 +278,18 @@ def test_the_end_of_a_range_behind_a_calibration(tmp_path, seed):
     assert np.isinf(look(imu_log(tmp_path / "c.mcap", times, sine, accel)).gyro_stops).all()
 
 
+@pytest.mark.parametrize("more", [-1.0, 1.0])
+def test_saturation_of_integers(tmp_path, more):
+    """A range of integers goes a step farther down than up, and most stops may be at either end."""
+    gyro, accel, _ = handheld(4000)
+    step = np.abs(gyro[:, 1]).max() / 32768.0
+    moved = gyro[:, 1] + more * 6000 * step
+    gyro[:, 1] = step * np.clip(np.round(moved / step), -16384, 16383)
+    assert len(set(np.sign(gyro[np.abs(gyro[:, 1]) > 16382 * step, 1]))) == 2
+    s = look(imu_log(tmp_path / "a.mcap", even_times(4000), gyro, accel))
+    assert s.saturated == ("gyro y",)
+
+
 def coarse(values, step=0.001):
     return np.round(values / step) * step
 

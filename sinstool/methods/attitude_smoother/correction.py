@@ -37,6 +37,8 @@ class Correction:
         includes, m/s^2.
     accel_bias : ndarray, shape (3,), or None
         Of a vehicle's, m/s^2; that of a hand's is not estimated.
+    diverged : bool
+        The filter diverged: the attitude is the integrated one, of which nothing is known.
     """
 
     time_ns: np.ndarray
@@ -47,6 +49,7 @@ class Correction:
     gyro_bias_sigma: FloatArray
     accel_bias_sigma: float
     accel_bias: FloatArray | None
+    diverged: bool
 
     def apply(self, solution: Solution) -> Solution:
         """A solution with its attitude and its rates corrected, and with a covariance."""

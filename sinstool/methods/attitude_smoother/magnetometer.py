@@ -197,6 +197,20 @@ def find_north(
     return replace(compass, north=North(rows, start, float(variance)))
 
 
+def heading_off(north: North, correction: FloatArray) -> float:
+    """How far headings of the field are from those of an attitude, rad: the median.
+
+    Parameters
+    ----------
+    correction : ndarray, shape (n, 4)
+        As it was smoothed with the headings: see :func:`find_north`.
+    """
+    used = north.rows[:, FIELD_VARIANCE] > 0.0
+    level = rotate(correction[used], north.rows[used, FIELD : FIELD + 3])
+    off = wrapped(north.rows[used, AZIMUTH] - np.arctan2(level[:, 1], level[:, 0]))
+    return float(np.median(np.abs(off)))
+
+
 def _pieces(seconds: FloatArray, stretch: np.ndarray, length: float) -> np.ndarray:
     """Numbers of pieces of a length, which begin anew after gaps."""
     begins = np.concatenate(([True], np.diff(stretch) > 0))

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import exp, hypot, sqrt
 from typing import Literal
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import EARTH_RATE
-from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade, uncalibrated
+from sinstool.methods.sensor_errors import (
+    IMU_GRADES,
+    LOW_COST,
+    UNCALIBRATED_BY,
+    Grade,
+    uncalibrated,
+)
 
 MotionName = Literal["hand", "vehicle"]
 
@@ -145,6 +151,7 @@ class SensorModel:
 
 # The bias of low-cost gyros where no rest has shown it, and about the mean rate of a rest, rad/s.
 _MEMS = SensorModel()
+_BARE = IMU_GRADES["consumer"]
 _MEMS_BIAS_AFTER_REST = 5e-3
 _SHORT_REST_S = 5.0
 # A bias as uncertain as this makes a first pass linear about a wrong attitude, rad/s.
@@ -154,30 +161,58 @@ LARGE_BIAS = 0.01
 # One sigma of the bias of an accelerometer axis that is not calibrated, m/s^2: data sheets of parts
 # for telephones allow 20 to 80 mg.
 POOR_ACCEL_BIAS = 0.2
+# Telephones and drivers take the bias off gyros, nothing does so with accelerometers. So these may
+# as well be calibrated as not where the gyros beside them have hardly a bias.
+ONLY_GYROS = 0.5
 # Beyond this probability the gyros' bias changes as the sensor warms up, by 0.03 deg/s for each
 # kelvin as data sheets say: rad/s/sqrt(s) and rad/s^2.
 SURE, WARMING_WALK, WARMING_DRIFT = 0.95, 5e-5, 2e-5
 
 
-def poor_accel_bias(gyro_bias: FloatArray) -> float:
-    """Bias of accelerometers that may be as badly calibrated as the gyros beside them, m/s^2.
+def accel_uncalibrated(gyro_bias: FloatArray | None, off: float) -> float:
+    """Probability that the accelerometers of a low-cost Imu are not calibrated.
 
     Parameters
     ----------
-    gyro_bias : ndarray, shape (3,)
-        That is found, rad/s.
-
-    Returns
-    -------
-    float
-        One sigma of an axis, of what the lack of a calibration adds.
+    gyro_bias : ndarray, shape (3,), or None
+        That is found, rad/s; None: unknown.
+    off : float
+        By which gravity in the log differs in size from that of its place, m/s^2: the bias of about
+        one axis.
     """
-    return POOR_ACCEL_BIAS * sqrt(uncalibrated(gyro_bias))
+    gyros = 0.0 if gyro_bias is None else uncalibrated(gyro_bias)
+    before = gyros + (1.0 - gyros) * ONLY_GYROS
+    more = 0.5 * off**2 * (1.0 / _MEMS.accel_bias**2 - 1.0 / POOR_ACCEL_BIAS**2)
+    odds = before / max(1.0 - before, 1e-12) * exp(min(more, 50.0))
+    odds *= _MEMS.accel_bias / POOR_ACCEL_BIAS
+    return odds / (1.0 + odds)
 
 
-def with_warming(sensors: SensorModel, gyro_bias: FloatArray) -> SensorModel:
-    """The sensors, which nothing compensates for temperature where they surely are uncalibrated."""
-    if uncalibrated(gyro_bias) < SURE:
+def poor_accel_bias(gyro_bias: FloatArray | None, off: float) -> float:
+    """One sigma of an axis, m/s^2, of what a lack of calibration adds to accelerometers' biases.
+
+    See :func:`accel_uncalibrated`.
+    """
+    return POOR_ACCEL_BIAS * sqrt(accel_uncalibrated(gyro_bias, off))
+
+
+def as_calibrated(sensors: SensorModel, gyro_bias: FloatArray) -> SensorModel:
+    """The sensors, with errors of the gyros as far as their bias tells that they are calibrated.
+
+    Scale factors and axes are those between a calibrated module and a bare chip, by their
+    logarithms. Nothing compensates for temperature where they surely are uncalibrated.
+    """
+    share = uncalibrated(gyro_bias)
+    scale, axes = _BARE.gyro_scale / _MEMS.gyro_scale, UNCALIBRATED_BY
+    bare = hypot(_BARE.gyro_scale, _BARE.gyro_misalignment)
+    more = bare / hypot(_MEMS.gyro_scale, _MEMS.gyro_misalignment)
+    sensors = replace(
+        sensors,
+        rate_error=max(sensors.rate_error, _MEMS.rate_error * more**share),
+        gyro_scale=max(sensors.gyro_scale, _MEMS.gyro_scale * scale**share),
+        gyro_misalignment=max(sensors.gyro_misalignment, _MEMS.gyro_misalignment * axes**share),
+    )
+    if share < SURE:
         return sensors
     return replace(
         sensors,

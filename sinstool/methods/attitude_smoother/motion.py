@@ -31,6 +31,8 @@ from sinstool.methods.attitude_smoother.start import filtered
 # hand's is a degree off on a car, by several of its sigmas.
 MARGIN, SECOND_MARGIN = 0.4, 1.76
 UNSURE = 0.4
+# The margins are of gyros that are calibrated, see `SensorModel`.
+CALIBRATED_RATE_ERROR = SensorModel().rate_error
 # Limit of the margin, nat: beyond it the filter of the other model diverged.
 LARGEST_MARGIN = 1000.0
 # Some times that a hand goes round and about, s; so long a vehicle that is gentle may, too, and
@@ -124,6 +126,8 @@ def find_motion(
     -------
     Motion
     """
+    # Scale factors of gyros that are not calibrated last: what turns to and fro hardly shows them
+    sensors = replace(sensors, rate_error=min(sensors.rate_error, CALIBRATED_RATE_ERROR))
     parts, chosen = _stretches(epochs), name is not None
     moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
     least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * VEHICLE.c1))

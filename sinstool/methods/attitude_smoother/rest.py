@@ -41,6 +41,7 @@ from sinstool.methods.attitude_smoother.filter_step import DIVERGED, SWAY_LASTS
 from sinstool.methods.attitude_smoother.model import (
     FIRST_VELOCITY,
     LARGE_BIAS,
+    POOR_ACCEL_BIAS,
     VEHICLE,
     SensorModel,
 )
@@ -76,6 +77,9 @@ SHORT_SHARE = 1.0 / 3.0
 LEAST_SHARE = 0.5
 # Rests of one log show one bias, rad/s, and one size of gravity, m/s^2: steady turns show others.
 SAME_BIAS, SAME_FORCE = 0.02, 0.15
+# Accelerometers that are not calibrated show another size whichever way up they are. It says
+# nothing where the rate is that of the other rests to this, rad/s, beside noise.
+EQUAL_BIAS, POOR_FORCE = CALIBRATED, LIKELY * POOR_ACCEL_BIAS
 # What says of an epoch whether it rests, and how far that is in doubt.
 MARKS = [REST, RATE_DOUBT, TURN_DOUBT, FORCE_DOUBT]
 
@@ -341,8 +345,10 @@ def _agreeing(rows: np.ndarray, still: np.ndarray) -> np.ndarray:
     rate = rows[:, GYRO : GYRO + 3] - median(rows[still, GYRO : GYRO + 3], axis=0)
     force = np.linalg.norm(rows[:, ACCEL : ACCEL + 3], axis=1)
     own = np.linalg.norm(np.sqrt(rows[:, GYRO_VARIANCE : GYRO_VARIANCE + 3]), axis=1)
-    near = np.linalg.norm(rate, axis=1) < SAME_BIAS + own
-    return np.asarray(near & (np.abs(force - median(force[still])) < SAME_FORCE))
+    unlike, off = np.linalg.norm(rate, axis=1), np.abs(force - median(force[still]))
+    equal = unlike < EQUAL_BIAS + LIKELY * own / np.sqrt(np.maximum(rows[:, COUNT], 1.0))
+    near = unlike < SAME_BIAS + own
+    return np.asarray(near & (off < np.where(equal, POOR_FORCE, SAME_FORCE)))
 
 
 def runs(mask: np.ndarray) -> list[tuple[int, int]]:

@@ -23,6 +23,7 @@ from sinstool.methods.attitude_smoother.model import (
     VEHICLE,
     MotionModel,
     SensorModel,
+    as_calibrated,
     poor_accel_bias,
 )
 from sinstool.methods.attitude_smoother.start import NO_KINDS, Prior, first_state, parameters
@@ -36,7 +37,7 @@ AT_ONCE = 1 << 14
 # m/s^2: gravity on Earth, and how far from it that is anywhere below 3 km.
 MEAN_GRAVITY, GRAVITY_RANGE = 9.807, 0.03
 # Of an angle of which nothing is known, rad.
-UNKNOWN = np.pi / np.sqrt(3.0)
+UNKNOWN_ANGLE = np.pi / np.sqrt(3.0)
 # In motion a larger excess than this is not due to accelerometer biases alone, m/s^2.
 LIKELY_EXCESS = 0.3
 # Where the gyro bias is as uncertain as LARGE_BIAS, rad/s, or the first tilt proves wrong by FAR,
@@ -47,6 +48,10 @@ LIKELY_EXCESS = 0.3
 FAR, CLOSE = 0.05, 1e-3
 PASSES = 20
 WIDER = (4.0, 3.0, 2.0, 1.5)
+# A pass that is so much less likely than one before it, nat, leads away from the solution: what
+# counts is the last one that is as likely as any, less certain by its own step. So it is where no
+# pass is close to the one before.
+LESS_LIKELY, AS_LIKELY = 3.0, 0.5
 # Beyond so many times the variance of velocity that the model of a vehicle allows, the model is
 # fitted to what a pass found, at most so many times.
 MORE, ROUNDS = 1.2, 4
@@ -100,14 +105,23 @@ def smooth(
         if motion.follows and other.likelihood > result.likelihood - FOLLOWS_MARGIN:
             found.append(run.converged(motion, other.states))
             result = max(found, key=lambda one: one.likelihood)
-        result = _widened(result, found)
+        if not result.likelihood > DIVERGED:
+            result = other
+        if result.likelihood > DIVERGED:
+            result = _widened(result, found)
     smoothed, covariance = result.states, result.covariance
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
-    poor = _poor(sensors, smoothed[-1], covariance[-1])
+    gyro_bias = _found_bias(sensors, smoothed[-1], covariance[-1])
+    if gyro_bias is not None:
+        sensors = as_calibrated(sensors, gyro_bias)
+    poor = 0.0
+    if sensors.bias_removed is not None and sensors.accel_bias:
+        off = gravity_off(_gravity_shown(epochs, smoothed), prior.gravity)
+        poor = poor_accel_bias(gyro_bias, off)
     if motion.finds_bias:
         shown = covariance[-1, BIASES]
-        left = _of_poor(shown, sensors.accel_bias, poor)
+        left = _of_poor(shown, result.accel_bias, poor)
         sigma = sqrt(np.mean(left))
         attitude[:, [0, 1], [0, 1]] += np.mean(left - shown) / GRAVITY**2
         # What the gyros' axes are off those of the accelerometers: the tilt of a vehicle that turns
@@ -133,6 +147,7 @@ def smooth(
         np.sqrt(covariance[:, 9:12]),
         sigma,
         smoothed[-1, state.A : state.A + 3].copy() if motion.finds_bias else None,
+        not result.likelihood > DIVERGED,
     )
 
 
@@ -144,8 +159,8 @@ def _bounded(covariance_n: FloatArray) -> None:
     """
     variance = np.einsum("nii->ni", covariance_n)
     astray = ~((variance > 0.0) & np.isfinite(variance)).all(axis=1)
-    covariance_n[astray] = UNKNOWN**2 * np.eye(3)
-    share = np.minimum(1.0, UNKNOWN / np.sqrt(np.einsum("nii->ni", covariance_n)))
+    covariance_n[astray] = UNKNOWN_ANGLE**2 * np.eye(3)
+    share = np.minimum(1.0, UNKNOWN_ANGLE / np.sqrt(np.einsum("nii->ni", covariance_n)))
     covariance_n *= share[:, :, None] * share[:, None, :]
 
 
@@ -178,11 +193,15 @@ def _turns(q: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Result:
-    """Of passes that converged: states and covariances at the limits of epochs, likelihood."""
+    """Of passes that converged: states and covariances at the limits of epochs, likelihood.
+
+    `accel_bias` is what they took for the standard deviation of the accelerometers' biases, m/s^2.
+    """
 
     states: FloatArray
     covariance: FloatArray
     likelihood: float
+    accel_bias: float
 
 
 @dataclass(frozen=True)
@@ -200,23 +219,41 @@ class _Run:
         field = NO_FIELD if self.north is None else self.north.rows
         covariance = np.empty((len(epochs) + 1, state.KEPT))
         wider = WIDER if self.sensors.bias > LARGE_BIAS and not len(near) else ()
-        rounds = 0
+        rounds, most = 0, DIVERGED
+        kept: _Result | None = None
         for k in range(PASSES):
             model = motion.with_density(motion.density * wider[k]) if k < len(wider) else motion
             first = _first(epochs, model, sensors, self.prior, self.north)
             before = near
             near, likelihood = _pass(epochs, model, sensors, first, field, before, covariance)
+            if kept is not None and not likelihood > most - LESS_LIKELY:
+                return kept
             begun = before if len(before) else first[0][None]
             close = CLOSE if len(before) else FAR
-            if k >= len(wider) and _moved(begun, near[: len(begun)]) < close:
+            if k < len(wider) or not likelihood > DIVERGED:
+                continue
+            result = _Result(near, covariance, likelihood, sensors.accel_bias)
+            if _moved(begun, near[: len(begun)]) < close:
                 fitted = _as_fast(motion, epochs, near, covariance)
                 bias = self._bias_shown(motion, near, covariance)
                 more = bias**2 > MORE * sensors.accel_bias**2
                 if (fitted is motion and not more) or rounds == ROUNDS:
-                    break
-                motion, rounds = fitted, rounds + 1
+                    return result
+                motion, rounds, most, kept = fitted, rounds + 1, DIVERGED, None
                 sensors = replace(sensors, accel_bias=bias) if more else sensors
-        return _Result(near, covariance, likelihood)
+            elif len(before) and likelihood > most - AS_LIKELY:
+                most, kept = max(most, likelihood), _farther(result, before, 1.0)
+        return kept or self._nothing(motion)
+
+    def _nothing(self, motion: MotionModel) -> _Result:
+        """The integrated attitude, of which nothing is known, as the filter diverged."""
+        x, _ = _first(self.epochs, motion, self.sensors, self.prior, self.north)
+        covariance = np.zeros((len(self.epochs) + 1, state.KEPT))
+        covariance[:, [0, 4, 8]] = UNKNOWN_ANGLE**2
+        covariance[:, 9:12] = self.sensors.bias**2
+        covariance[:, BIASES] = self.sensors.accel_bias**2
+        states = np.tile(x, (len(covariance), 1))
+        return _Result(states, covariance, DIVERGED, self.sensors.accel_bias)
 
     def _bias_shown(
         self, motion: MotionModel, smoothed: FloatArray, covariance: FloatArray
@@ -265,33 +302,51 @@ def _widened(best: _Result, found: list[_Result]) -> _Result:
     """
     weight = np.exp([TEMPERED * (one.likelihood - best.likelihood) for one in found])
     weight /= weight.sum()
-    covariance = best.covariance.copy()
-    q = from_dcm(best.states[:, :9].reshape(-1, 3, 3))
+    wide = best
     for share, one in zip(weight, found, strict=True):
-        if one is best:
-            continue
-        off = log(multiply(from_dcm(one.states[:, :9].reshape(-1, 3, 3)), conjugate(q)))
-        covariance[:, :9] += share * (off[:, :, None] * off[:, None, :]).reshape(-1, 9)
-        bias = slice(state.B, state.B + 3)
-        covariance[:, 9:12] += share * (one.states[:, bias] - best.states[:, bias]) ** 2
-    return replace(best, covariance=covariance)
+        if one is not best:
+            wide = _farther(wide, one.states, share)
+    return wide
+
+
+def _farther(result: _Result, other: FloatArray, share: float) -> _Result:
+    """A result whose covariance has a share of the squared distance of other states."""
+    covariance = result.covariance.copy()
+    q = from_dcm(result.states[:, :9].reshape(-1, 3, 3))
+    off = log(multiply(from_dcm(other[:, :9].reshape(-1, 3, 3)), conjugate(q)))
+    covariance[:, :9] += share * (off[:, :, None] * off[:, None, :]).reshape(-1, 9)
+    bias = slice(state.B, state.B + 3)
+    covariance[:, 9:12] += share * (other[:, bias] - result.states[:, bias]) ** 2
+    return replace(result, covariance=covariance)
 
 
 def _gravity_shown(epochs: Epochs, smoothed: FloatArray) -> float:
     """Size of gravity that the log shows, m/s^2: at rest, else the smoother's estimate."""
     if epochs.rest.any():
-        force = epochs.values[epochs.rest, ACCEL : ACCEL + 3]
-        return float(median(np.linalg.norm(force, axis=1)))
+        return gravity_at_rest(epochs)
     excess = float(median(smoothed[:, state.G]))
     return GRAVITY + min(max(excess, -LIKELY_EXCESS), LIKELY_EXCESS)
 
 
-def _poor(sensors: SensorModel, state_: FloatArray, kept: FloatArray) -> float:
-    """What a lack of calibration adds to the accelerometers' bias, m/s^2, by the gyros' bias."""
+def gravity_at_rest(epochs: Epochs) -> float:
+    """Size of gravity, m/s^2, in the epochs that are marked as rest."""
+    force = epochs.values[epochs.rest, ACCEL : ACCEL + 3]
+    return float(median(np.linalg.norm(force, axis=1)))
+
+
+def _found_bias(sensors: SensorModel, state_: FloatArray, kept: FloatArray) -> FloatArray | None:
+    """Bias of gyros that may be uncalibrated, rad/s; None of others, or where it is not known."""
     known = float(np.sqrt(kept[9:12].max())) < CALIBRATED
-    if sensors.bias_removed is None or not known or not sensors.accel_bias:
-        return 0.0
-    return poor_accel_bias(state_[state.B : state.B + 3] + sensors.bias_removed)
+    if sensors.bias_removed is None or not known:
+        return None
+    return np.asarray(state_[state.B : state.B + 3] + sensors.bias_removed)
+
+
+def gravity_off(shown: float, gravity: float | None) -> float:
+    """By which gravity in a log differs in size from that of its place, m/s^2, at least."""
+    if gravity is None:
+        return max(0.0, abs(shown - MEAN_GRAVITY) - GRAVITY_RANGE)
+    return shown - gravity
 
 
 def _of_poor(shown: FloatArray, grade: float, poor: float) -> FloatArray:
@@ -302,7 +357,7 @@ def _of_poor(shown: FloatArray, grade: float, poor: float) -> FloatArray:
     shown : ndarray, shape (3,)
         Those left of the biases that the grade allows, m^2/s^4.
     grade, poor : float
-        Standard deviations, m/s^2.
+        Standard deviations that were assumed and that may be, m/s^2.
     """
     if poor <= grade:
         return shown
@@ -329,10 +384,7 @@ def _accel_bias(
     """
     if not grade:
         return 0.0
-    if gravity is None:
-        off = max(0.0, abs(shown - MEAN_GRAVITY) - GRAVITY_RANGE)
-    else:
-        off = shown - gravity
+    off = gravity_off(shown, gravity)
     return sqrt((3.0 * grade**2 + off**2 + found.sum()) / (4.0 + len(found)))
 
 

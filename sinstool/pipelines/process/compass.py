@@ -14,7 +14,14 @@ from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.earth_field import EarthField, model_field
 from sinstool.methods.attitude_smoother.epochs import Epochs
 from sinstool.methods.attitude_smoother.field import FieldStage
-from sinstool.methods.attitude_smoother.magnetometer import Compass, North, find_north
+from sinstool.methods.attitude_smoother.heading_update import FIELD_GATE_SIGMAS
+from sinstool.methods.attitude_smoother.magnetometer import (
+    LEAST_SIGMA,
+    Compass,
+    North,
+    find_north,
+    heading_off,
+)
 from sinstool.pipelines.process.summary import MagnetometerUsed
 from sinstool.survey.magnetometer import MagneticTopic, read_magnetometer
 from sinstool.survey.source import Source
@@ -65,6 +72,7 @@ class MagneticHeading:
         self._read = measured is not None
         self._stage = None if measured is None else FieldStage(measured, max_gap_ns)
         self.compass = Compass("short")
+        self._off = 0.0
 
     def push(self, solution: Solution) -> None:
         """Take the next solutions of the integration."""
@@ -80,6 +88,12 @@ class MagneticHeading:
             self.compass = find_north(epochs, measured, attitude, azimuth, self._expected)
         self._stage = None
         return self.compass.north
+
+    def hold_against(self, epochs: Epochs, correction: Correction) -> None:
+        """Take an attitude that was smoothed with the headings, to see whether it follows them."""
+        if self.compass.north is not None:
+            attitude = correction.at(epochs.time_ns).q[:-1]
+            self._off = heading_off(self.compass.north, attitude)
 
     @property
     def north_referenced(self) -> bool | None:
@@ -130,6 +144,19 @@ class MagneticHeading:
                 answer="choose another with --magnetometer, or none",
             )
             return
+        limit = FIELD_GATE_SIGMAS * max(compass.scatter, LEAST_SIGMA)
+        if self._off > limit:
+            yield Finding(
+                "field-denied",
+                f"topic {topic}: most of the time the gyros turn otherwise than the field, by"
+                f" {self._off / DEGREE:.0f} deg in the median, so one or the other is wrong: do not"
+                " trust the attitude",
+                severity=Severity.LOST,
+                topic=topic,
+                answer="record some seconds at rest, also at the end, or give --gyro-bias X,Y,Z; or"
+                " see what --magnetometer none gives",
+                numbers={"off_deg": self._off / DEGREE},
+            )
         if iron.applied:
             size = float(np.linalg.norm(iron.offset))
             yield Finding(

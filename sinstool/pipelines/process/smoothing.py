@@ -30,13 +30,15 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 from sinstool.methods.attitude_smoother.model import (
     LARGE_BIAS,
+    POOR_ACCEL_BIAS,
     SensorModel,
+    accel_uncalibrated,
+    as_calibrated,
     sensor_model,
-    with_warming,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion, likeliest_stop_rate
 from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, runs, with_rest
-from sinstool.methods.attitude_smoother.smoother import smooth
+from sinstool.methods.attitude_smoother.smoother import gravity_at_rest, gravity_off, smooth
 from sinstool.methods.attitude_smoother.start import Prior
 from sinstool.methods.attitude_smoother.steady import turning, with_steady
 from sinstool.methods.sensor_errors import LOW_COST
@@ -164,6 +166,7 @@ class Smoothing:
             north = self._magnetic.north(epochs, correction.at(epochs.time_ns))
             if north is not None:
                 correction = smooth(epochs, motion.model, sensors, prior, north)
+                self._magnetic.hold_against(epochs, correction)
             self.north_referenced = self._magnetic.north_referenced
         if not self._plan.gyro_samples.configured:
             correction = correction.of_samples(epochs)
@@ -229,7 +232,7 @@ class Smoothing:
         sensors = sensor_model(grade, bias_known=alignment.bias_source != "none", **about)
         sensors = replace(sensors, **judged)
         if sensors.bias_removed is not None:
-            sensors = with_warming(sensors, alignment.gyro_bias)
+            sensors = as_calibrated(sensors, alignment.gyro_bias)
         if alignment.gyro_bias_sigma is not None:
             bias = CAUTION * alignment.gyro_bias_sigma
             sensors = replace(sensors, bias=min(sensors.bias, bias))
@@ -275,9 +278,19 @@ class Smoothing:
         motion_class = None if chosen == "auto" else chosen
         seen.values[:, MARKS] = looks
         still = seen.rest
-        epochs = confirmed(seen, sensors, prior.tilt, in_place=True)
+        epochs = confirmed(seen, self._doubted(seen, sensors, prior), prior.tilt, in_place=True)
         motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
         return with_steady(epochs, still, motion.model, sensors, prior, in_place=True), motion
+
+    def _doubted(self, seen: Epochs, sensors: SensorModel, prior: Prior) -> SensorModel:
+        """The sensors, with biases of accelerometers that gravity in what looks like rest shows."""
+        alignment = self._plan.alignment
+        if sensors.bias_removed is None or not seen.rest.any():
+            return sensors
+        known = alignment.gyro_bias if alignment.bias_source != "none" else None
+        off = gravity_off(gravity_at_rest(seen), prior.gravity)
+        poor = accel_uncalibrated(known, off) > 0.5
+        return replace(sensors, accel_bias=POOR_ACCEL_BIAS) if poor else sensors
 
     def _bias_epochs(self, epochs: Epochs) -> np.ndarray:
         """Which epochs lie in the rest whose mean rate was taken for the bias, shape (n,)."""
@@ -321,13 +334,22 @@ class Smoothing:
         self._worst_ns = int(correction.time_ns[worst])
         self._unsure, self._denied = not motion.sure, motion.denied
         self._rested = bool(epochs.rest.any())
+        self._diverged = correction.diverged
 
     def findings(self) -> Iterator[Finding]:
         """Findings about the smoothed attitude."""
         s, first_ns = self.summary, self._source.survey.first_ns
         if self._magnetic is not None:
             yield from self._magnetic.findings()
-        if s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
+        if self._diverged:
+            yield Finding(
+                "diverged",
+                "gravity and the gyros contradict each other in all of the log, so roll and pitch"
+                " are those of the gyros alone: do not trust them",
+                severity=Severity.LOST,
+                answer="look at what info says of units, axes and ranges",
+            )
+        elif s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
             at = (self._worst_ns - first_ns) / SECOND
             yield Finding(
                 "uncertain-tilt",

@@ -18,9 +18,18 @@ from sinstool.methods.attitude_smoother.heading_update import (
     FIELD_VARIANCE,
     measure_heading,
 )
-from sinstool.methods.attitude_smoother.magnetometer import find_north
+from sinstool.methods.attitude_smoother.magnetometer import find_north, heading_off
+from sinstool.methods.attitude_smoother.model import HAND
+from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.attitude_smoother.state import STATE, rotation_of
-from tests.methods.attitude_smoother.compass_runs import SIZE, earth, run, turning, wandering
+from tests.methods.attitude_smoother.compass_runs import (
+    SENSORS,
+    SIZE,
+    earth,
+    run,
+    turning,
+    wandering,
+)
 
 
 @given(
@@ -193,6 +202,18 @@ def test_a_gyro_bias_about_the_vertical_is_seen():
     assert np.abs(error).max() < 3.0 * DEGREE
     assert (np.abs(error) < 3.0 * sigma).all()
     assert sigma_without[-1] > sigma[-1]
+
+
+@pytest.mark.parametrize("seed", [9, 10, 11])
+def test_gyros_whose_bias_is_not_what_they_claim_leave_the_field(seed):
+    """Then an attitude does not follow the headings that it was smoothed with, and that shows."""
+    made = run(seed, bias=0.02, tilts=False)
+    north = made.compass().north
+    sure = replace(SENSORS, bias=1e-5, bias_walk=1e-7)
+    follows = made.smoothed(made.compass()).q[:-1]
+    leaves = smooth(made.epochs, HAND, sure, north=north).q[:-1]
+    assert heading_off(north, follows) < 3.0 * DEGREE
+    assert heading_off(north, leaves) > 20.0 * DEGREE
 
 
 @pytest.mark.parametrize("mag_rate", [1, 5, 50])

@@ -370,7 +370,7 @@ def test_tilt_comes_back_after_a_gap(seconds):
         assert np.all(np.abs(tilt) < 5.0 * sigma)
         assert np.all(sigma < np.radians(4.0))
         # of heading the filter says that it is lost
-        lost = min(0.5 * seconds, 0.99 * smoother.UNKNOWN)
+        lost = min(0.5 * seconds, 0.99 * smoother.UNKNOWN_ANGLE)
         assert after.covariance_attitude_n[near[0], 2, 2] > lost**2
         squares.append(np.mean((tilt / sigma) ** 2))
     assert 0.5 < np.mean(squares) < 1.5
@@ -428,6 +428,56 @@ def test_a_vehicle_that_turns_about_shows_the_bias_of_its_accelerometers(grade):
     sigma = np.sqrt(np.mean(np.square(sigmas)))
     assert sigma < 0.12
     assert np.sqrt(np.mean(np.square(off))) < 1.5 * sigma
+
+
+@pytest.mark.parametrize("gyro_bias", [0.003, 0.006])
+def test_large_biases_of_accelerometers_beside_gyros_of_a_usual_bias(gyro_bias):
+    """What the gyros' bias says of the accelerometers' takes nothing off the covariance of tilt."""
+    for seed in range(3):
+        drives = replace(SENSORS, accel_bias=0.3, rate_error=5e-4)
+        log_ = drawn(VEHICLE, drives, 300.0, seed, turning=0.1)
+        known = {"accel_bias": 0.03, "bias_removed": (gyro_bias, 0.0, 0.0)}
+        found = smoother.smooth(epochs_of(log_.solution), VEHICLE, replace(drives, **known))
+        alone = smoother.smooth(
+            epochs_of(log_.solution), VEHICLE, replace(drives, accel_bias=0.03, bias_removed=None)
+        )
+        tilt = np.einsum("nii->ni", found.covariance_n)[:, :2]
+        assert np.all(tilt > 0.999 * np.einsum("nii->ni", alone.covariance_n)[:, :2])
+        assert found.accel_bias_sigma > 0.999 * alone.accel_bias_sigma
+
+
+@pytest.mark.parametrize("likelihoods", [[-90, -80, -81, -99], [-90, -80] + 18 * [-81]])
+def test_passes_that_lead_away_end_at_the_likeliest(likelihoods, monkeypatch):
+    """It is as much less certain as its own step was long."""
+    step, done = 0.2, []
+
+    def scripted(epochs, motion, sensors, first, field, near, covariance):
+        states = np.tile(first[0], (len(epochs) + 1, 1))
+        tilted = exp([step * (len(done) + 1), 0.0, 0.0])
+        states[:, :9] = to_dcm(tilted).ravel()
+        done.append(tilted)
+        covariance[:] = 1e-8
+        return states, float(likelihoods[len(done) - 1])
+
+    monkeypatch.setattr(smoother, "_pass", scripted)
+    epochs = epochs_of(drawn(HAND, SENSORS, 4.0, 1).solution)
+    found = smoother.smooth(epochs, HAND, SENSORS)
+    assert len(done) == min(len(likelihoods), smoother.PASSES)
+    assert np.allclose(found.q, done[1])
+    assert found.covariance_n[:, 0, 0] == pytest.approx(step**2, rel=1e-3)
+    assert not found.diverged
+
+
+def test_of_an_attitude_whose_filter_diverges_nothing_is_known():
+    """A force that no vehicle stands: neither the result nor its sigma pretends anything."""
+    solution = drawn(VEHICLE, SENSORS, 20.0, 1).solution
+    wild = replace(solution, specific_force_b=1e6 * solution.specific_force_b)
+    found = smoother.smooth(epochs_of(wild), VEHICLE, SENSORS)
+    assert found.diverged
+    after = found.apply(wild)
+    assert np.all(np.isfinite(after.q_nb))
+    sigma = np.sqrt(np.einsum("nii->ni", after.covariance_attitude_n))
+    assert np.all(sigma > np.radians(90.0))
 
 
 def test_a_bias_by_which_the_first_attitude_was_levelled():

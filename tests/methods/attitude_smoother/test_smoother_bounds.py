@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sinstool.methods.attitude_smoother.smoother import UNKNOWN, _bounded
+from sinstool.methods.attitude_smoother.smoother import UNKNOWN_ANGLE, _bounded
 
 
 @settings(max_examples=50, deadline=None)
@@ -16,7 +16,7 @@ def test_no_sigma_is_beyond_that_of_any_angle(size, seed):
     _bounded(after)
     sigma = np.sqrt(np.einsum("nii->ni", after))
     np.testing.assert_allclose(
-        sigma, np.minimum(np.sqrt(np.einsum("nii->ni", before)), UNKNOWN), rtol=1e-9
+        sigma, np.minimum(np.sqrt(np.einsum("nii->ni", before)), UNKNOWN_ANGLE), rtol=1e-9
     )
     assert (np.linalg.eigvalsh(after) > -1e-9 * sigma.max() ** 2).all()
 
@@ -26,4 +26,6 @@ def test_what_is_no_variance_is_any_angle():
     covariance = np.concatenate([covariance, np.full((1, 3, 3), np.nan)])
     _bounded(covariance)
     np.testing.assert_array_equal(covariance[0], np.diag([1e-4, 1e-4, 1e-2]))
-    np.testing.assert_allclose(covariance[1:], np.broadcast_to(UNKNOWN**2 * np.eye(3), (2, 3, 3)))
+    np.testing.assert_allclose(
+        covariance[1:], np.broadcast_to(UNKNOWN_ANGLE**2 * np.eye(3), (2, 3, 3))
+    )

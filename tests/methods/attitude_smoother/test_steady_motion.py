@@ -114,6 +114,20 @@ def test_steady_travel_is_not_taken_for_rest(trap, grade):
     assert np.degrees(np.abs(heading)).max() < 4.0 * limit
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_rests_in_which_accelerometers_show_other_sizes_of_gravity(seed):
+    """They are not calibrated, and lie another way up; the rate is that of the gyros' bias."""
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=True, earth_removed=True)
+    solution, _ = ride([(20, 0, 0), (8, 2.0, 0.3), (8, -2.0, -0.3), (10, 0, 0)], sensors, seed)
+    force = solution.specific_force_b.copy()
+    last = solution.time_ns - solution.time_ns[0] > 36 * SECOND
+    force[last, 2] -= 0.4
+    epochs = with_rest(epochs_of(replace(solution, specific_force_b=force)))
+    seconds = (epochs.time_ns[:-1] - epochs.time_ns[0]) / SECOND
+    assert epochs.rest[seconds > 37.0].all()
+    assert epochs.rest[seconds < 19.0].all()
+
+
 def turning(parts, seed=4):
     """Where a body that stands or turns at so many rad/s is at rest: the epochs, and the parts'."""
     sensors = sensor_model("mems", walk_at_rest=None, bias_known=True, earth_removed=True)
@@ -403,6 +417,7 @@ def known_level(epochs, tilt_sigma):
         gyro_bias_sigma=np.full((n + 1, 3), 1e-6),
         accel_bias_sigma=0.0,
         accel_bias=None,
+        diverged=False,
     )
 
 

@@ -93,9 +93,13 @@ def test_whether_a_sample_is_a_mean_or_a_rate_is_in_the_sigma(tmp_path, seed):
     assert after < 0.8 * before
 
 
+@pytest.mark.parametrize(("scale", "bias"), [(5e-3, 0.0), (1e-2, 0.03)])
 @pytest.mark.parametrize("seed", range(4))
-def test_a_heading_that_turns_on_and_on_is_off_in_proportion(tmp_path, seed):
-    """A tilted sensor on a carousel, of gyros with constant errors of scale: it turns, and back."""
+def test_a_heading_that_turns_on_and_on_is_off_in_proportion(tmp_path, seed, scale, bias):
+    """A tilted sensor on a carousel, of gyros with constant errors of scale: it turns, and back.
+
+    Those of a bare chip are larger, as its bias is.
+    """
     random = np.random.default_rng(seed)
     n = 120 * round(RATE)
     t = np.arange(n) / RATE
@@ -107,8 +111,9 @@ def test_a_heading_that_turns_on_and_on_is_off_in_proportion(tmp_path, seed):
     turn[:, 2] = angle
     attitude = Rotation.from_rotvec(turn) * mount
     down = mount.inv().apply([0.0, 0.0, 1.0])
-    scale = np.diag(5e-3 * random.standard_normal(3))
-    gyro = np.outer(rate, down) @ (np.eye(3) + scale) + 1e-3 * random.standard_normal((n, 3))
+    errors = np.diag(scale * random.standard_normal(3))
+    gyro = np.outer(rate, down) @ (np.eye(3) + errors) + 1e-3 * random.standard_normal((n, 3))
+    gyro += bias * random.choice([-1.0, 1.0], 3)
     accel = G * down + 0.02 * random.standard_normal((n, 3))
     run(imu_log(tmp_path / "in.mcap", even_times(n, RATE), gyro, accel), tmp_path / "out.mcap")
     times, q, covariance = written(tmp_path / "out.mcap")
@@ -118,6 +123,26 @@ def test_a_heading_that_turns_on_and_on_is_off_in_proportion(tmp_path, seed):
     heading -= heading[0]
     sigma = np.sqrt(covariance[:, 2, 2])
     middle, last = np.searchsorted(at, round(65.0 * RATE)), -1
-    assert np.degrees(sigma[middle]) > 5.0  # after 48 rad
+    assert np.degrees(sigma[middle]) > (20.0 if bias else 5.0)  # after 48 rad
     assert np.abs(heading[middle]) < 3.0 * sigma[middle]
-    assert np.degrees(sigma[last]) < 3.0 and np.abs(heading[last]) < 3.0 * sigma[last]
+    assert np.abs(heading[last]) < 3.0 * sigma[last]
+    assert bias or np.degrees(sigma[last]) < 3.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_telephone_on_a_table(tmp_path, seed):
+    """Its gyros' bias was taken off, its accelerometers' was not: gravity is not as large as it is.
+
+    The tilt was off by 4 sigmas and more.
+    """
+    random = np.random.default_rng(seed)
+    n = 40 * round(RATE)
+    offset = np.append(0.2 * random.choice([-1.0, 1.0], 2), random.choice([-0.12, 0.12]))
+    mount = Rotation.from_rotvec(0.2 * random.standard_normal(3))
+    up = mount.inv().apply([0.0, 0.0, 1.0])
+    gyro = 1e-3 * random.standard_normal((n, 3))
+    accel = G * up + mount.inv().apply(offset) + 0.02 * random.standard_normal((n, 3))
+    log = Hand(even_times(n, RATE), gyro, accel, Rotation.concatenate([mount] * n))
+    _, off, covariance = smoothed(tmp_path, log)
+    assert np.degrees(np.abs(off)).max() > 1.0
+    assert over_sigma(off, covariance) < 2.5

