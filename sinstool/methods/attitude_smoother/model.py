@@ -161,9 +161,9 @@ LARGE_BIAS = 0.01
 # One sigma of the bias of an accelerometer axis that is not calibrated, m/s^2: data sheets of parts
 # for telephones allow 20 to 80 mg.
 POOR_ACCEL_BIAS = 0.2
-# Telephones and drivers take the bias off gyros, nothing does so with accelerometers. So these may
-# as well be calibrated as not where the gyros beside them have hardly a bias.
-ONLY_GYROS = 0.5
+# Telephones and drivers take the bias off gyros, nothing does so with accelerometers. So these may,
+# with this probability, not be calibrated where the gyros beside them have hardly a bias.
+ONLY_GYROS = 0.1
 # Beyond this probability the gyros' bias changes as the sensor warms up, by 0.03 deg/s for each
 # kelvin as data sheets say: rad/s/sqrt(s) and rad/s^2.
 SURE, WARMING_WALK, WARMING_DRIFT = 0.95, 5e-5, 2e-5

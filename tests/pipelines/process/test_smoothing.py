@@ -193,7 +193,7 @@ def test_a_steady_turn_is_no_rest_where_another_rate_is(tmp_path, seed):
     rate = np.radians(rng.uniform(10.0, 20.0)) * ((t > 1.0) & (t < rng.uniform(5.5, 7.0)))
     attitude = Rotation.from_rotvec(np.outer(np.cumsum(rate) / RATE, [0.0, 0.0, 1.0]))
     gyro = np.outer(rate, [0.0, 0.0, 1.0]) + 2e-3 * rng.standard_normal((len(t), 3)) + 0.1 * BIAS
-    accel = np.outer(10.0 * rate, [0.0, 1.0, 0.0]) + [0.0, 0.0, G]  # at 10 m/s
+    accel = np.column_stack([0.0 * rate, 10.0 * rate, np.full(len(t), G)])  # at 10 m/s
     accel += 2e-2 * rng.standard_normal(accel.shape)
     _, off, covariance = smoothed(tmp_path, Hand(even_times(len(t), RATE), gyro, accel, attitude))
     sigma = np.sqrt(np.einsum("nii->ni", covariance))[:, :2]
