@@ -134,25 +134,14 @@ class FilterRun(Mode):
         self._first: list[UpdateColumns] = []
         self._offset_ns = 0
         self._smooth = config.filter.smooth
-        valid = replace(
-            start.gnss, time_ns=start.gnss.time_ns - round(start.settings.gnss_latency * SECOND)
-        )
-        arm = start.settings.lever_arm_b
         self._hidden = bool(start.withheld.any())
-        self._score = Withheld(valid, start.withheld, arm)
-        self._filtered = Withheld(valid, start.withheld, arm)
-        turned = None if start.offsets is None else start.offsets.turned
-        # Few logs show whether a sample is a mean until its stamp, or a rate at it
-        known = plan.gyro_samples.configured or bool(means)
-        half = 0.0 if known else 0.5 * source.survey.interval_ns / SECOND
-        shared = start.latency_status != "given" and start.settings.gnss_latency != 0.0
-        self._offsets_error = OffsetsError(start.offsets_error, turned, half, shared)
+        self._sample_kind_known = plan.gyro_samples.configured or bool(means)
         self._mount: np.ndarray | None = None
         self._best: VehicleAssumptions | None = None
         self._stretches: list[Stretch] = []
 
     def find_out(self, progress: BytesRead | None) -> None:
-        """Determine the motion constraints of the vehicle."""
+        """Determine the latency by the whole log, and the motion constraints of the vehicle."""
         # GNSS, barometer and wheels have been read
         self.source.log.cache(())
         best = self._planned
@@ -162,11 +151,26 @@ class FilterRun(Mode):
             self._best = find_vehicle(self.source, self.config, self.plan.algorithm, best, longest)
         first = self._stretch(self.source, self._start)
         self._stretches, self._start = [first], first.start
+        self._measure_by(first.start)
         self._mount = first.vehicle.mount
         if self._mount is None and self._best is not None:
             self._mount = self._best.mount
         if self._mount is not None:
             self.emits = (*self.emits, "vehicle")
+
+    def _measure_by(self, start: FilterStart) -> None:
+        """Score fixes that are withheld, and widen covariances, by the latency of this start."""
+        valid = replace(
+            start.gnss, time_ns=start.gnss.time_ns - round(start.settings.gnss_latency * SECOND)
+        )
+        arm = start.settings.lever_arm_b
+        self._score = Withheld(valid, start.withheld, arm)
+        self._filtered = Withheld(valid, start.withheld, arm)
+        turned = None if start.offsets is None else start.offsets.turned
+        # Few logs show whether a sample is a mean until its stamp, or a rate at it
+        half = 0.0 if self._sample_kind_known else 0.5 * self.source.survey.interval_ns / SECOND
+        shared = start.latency_status != "given" and start.settings.gnss_latency != 0.0
+        self._offsets_error = OffsetsError(start.offsets_error, turned, half, shared)
 
     def _stretch(
         self, source: Source, start: FilterStart, gap: FilterEvent | None = None

@@ -33,6 +33,10 @@ from sinstool.methods.strapdown.navigation import Q_W, Q_Z, V_DOWN, V_NORTH
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.wheels import WheelsUsed, use_wheels
+from sinstool.pipelines.process.ins_gnss.whole_log_latency import (
+    WholeLogLatency,
+    latency_of_whole_log,
+)
 from sinstool.pipelines.process.vehicle_used import LandVehicleUsed, VehicleUsed, WheelSpeedUsed
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
@@ -74,6 +78,8 @@ class VehicleAssumptions:
         Whose speed is used.
     wander : Wander
         Of the fixes while it stands.
+    latency : WholeLogLatency, optional
+        Of the fixes, where the whole log says more than its first part.
     """
 
     constraints: Constraints | None = None
@@ -86,9 +92,12 @@ class VehicleAssumptions:
     wheels_named: bool = False
     wheels: WheelsUsed | None = None
     wander: Wander = AS_STATED
+    latency: WholeLogLatency | None = None
 
     def started(self, start: FilterStart) -> FilterStart:
-        """A filter's start with the slow errors of fixes that rests show."""
+        """A filter's start with what the log shows of its fixes: latency, slow errors at rest."""
+        if self.latency is not None:
+            start = self.latency.used_by(start)
         if self.constraints is None or self.wander.ordinary:
             return start
         return start.with_slow_position(self.wander.level, self.wander.vertical, str(self.wander))
@@ -239,7 +248,7 @@ def find_vehicle(
     start: FilterStart,
     longest_gap_s: float,
 ) -> VehicleAssumptions:
-    """Constraints of a vehicle, as far as its fixes show them.
+    """Constraints of a vehicle, as far as its fixes show them, and the latency of these.
 
     Parameters
     ----------
@@ -248,11 +257,23 @@ def find_vehicle(
     longest_gap_s : float
         The log is looked at up to a gap of the IMU that is longer.
     """
-    options = config.filter
-    if options.feedback == "none":
+    if config.filter.feedback == "none":
         return VehicleAssumptions(reason="as --feedback is none")
     means, joined = _means(source, config, algorithm, start, longest_gap_s)
-    latency_ns = round(start.settings.gnss_latency * SECOND)
+    latency = latency_of_whole_log(start, config, joined)
+    if latency is not None:
+        start = latency.used_by(start)
+    return replace(_constrained(source, config, start, means, joined), latency=latency)
+
+
+def _constrained(
+    source: Source,
+    config: ProcessConfig,
+    start: FilterStart,
+    means: Means,
+    joined: list[Increments],
+) -> VehicleAssumptions:
+    options, latency_ns = config.filter, round(start.settings.gnss_latency * SECOND)
     shaken = find_shaking(means, start.used, latency_ns).constraints(start.settings.imu)
     if options.vehicle == "none":
         return VehicleAssumptions(shaken)
