@@ -35,6 +35,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.methods.ins_gnss.settings import Settings
+from sinstool.methods.ins_gnss.states import ACCEL_AXES
 from sinstool.methods.land_vehicle.shaking import Shaking, find_shaking
 from sinstool.methods.land_vehicle.track import MeansStage
 from sinstool.methods.sensor_errors import LOW_COST, SensorGrade
@@ -85,15 +86,15 @@ class NoiseFactors:
         Of what of the biases wanders, and of white noise.
     scale : float
         Of what of the scale factors wanders.
-    white : tuple of float
-        Least and largest factor of the white noise of gyros: as far as a log shows it by itself,
-        the drift has no say.
+    white : tuple of tuple of float
+        Least and largest factor of the white noise of gyros and of that of accelerometers: as far
+        as a log shows it by itself, the drift has no say.
     """
 
     gyro: float
     accel: float
     scale: float = 1.0
-    white: Bounds = ANY
+    white: tuple[Bounds, Bounds] = (ANY, ANY)
 
     @property
     def ordinary(self) -> bool:
@@ -109,12 +110,15 @@ class NoiseFactors:
             Whether fictitious noise, if there is any, remains.
         """
         imu, control = settings.imu, settings.control
-        least, most = self.white
+        gyro, accel = (
+            min(max(factor, least), most)
+            for factor, (least, most) in zip((self.gyro, self.accel), self.white, strict=True)
+        )
         noisier = replace(
             imu,
-            angle_random_walk=min(max(self.gyro, least), most) * imu.angle_random_walk,
+            angle_random_walk=gyro * imu.angle_random_walk,
             gyro_instability=self.gyro * imu.gyro_instability,
-            velocity_random_walk=self.accel * imu.velocity_random_walk,
+            velocity_random_walk=accel * imu.velocity_random_walk,
             accel_instability=self.accel * imu.accel_instability,
             scale_wander=min(1.0, self.scale * imu.scale_wander),
         )
@@ -236,7 +240,7 @@ class Drift:
         self._estimated = config.filter.virtual_noise == "auto"
         self._measured = config.navigation.imu_noise is not None
         rest = _noise_at_rest(source, start)
-        self._white, self._least = _white_noise(source, start, rest)
+        self._white = _white_noise(source, start, rest)
         # By an engine or people, which is no noise of the Imu in motion
         self._shaken = bool(np.any(rest > LEAST_CHANGE))
         self._guess = rest if np.all(rest > 0.0) and not self._shaken else None
@@ -265,7 +269,7 @@ class Drift:
         if not self.tells:
             return NoiseFactors(self.ratio, self.ratio)
         gyro, accel, scale = likeliest(self._errors, self._weight, self._guess)
-        accel = max(accel, self._least)
+        accel = max(accel, self._white[1][0])
         scale = scale if scale > LEAST_CHANGE else 1.0
         if max(gyro, accel) > LEAST_CHANGE or self._measured:
             gyro, accel = max(gyro, 1.0), max(accel, 1.0)
@@ -460,34 +464,29 @@ def _noise_at_rest(source: Source, start: FilterStart) -> FloatArray:
         return np.divide(walks, (imu.angle_random_walk, imu.velocity_random_walk))
 
 
-def _white_noise(source: Source, start: FilterStart, rest: FloatArray) -> tuple[Bounds, float]:
-    """What a log shows of the white noise over that of the settings.
+def _white_noise(source: Source, start: FilterStart, rest: FloatArray) -> tuple[Bounds, Bounds]:
+    """What a log shows of the white noise of gyros and accelerometers over that of the settings.
 
     Sensors are no quieter than at rest, which does not hold for a grade that was judged by its
-    drift, as an idling engine looks like poor sensors. Gyros are no noisier than in motion. White
-    noise of accelerometers stands in for their cross-axis errors, for which not every filter has
-    states, and that of a MEMS grade for more.
+    drift, as an idling engine looks like poor sensors; and no noisier than in motion. White noise
+    of accelerometers stands in for their cross-axis errors where a filter has no states for these,
+    and that of a MEMS grade for more.
 
     Parameters
     ----------
     rest : ndarray, shape (2,)
         See :func:`_noise_at_rest`.
-
-    Returns
-    -------
-    tuple of float
-        Bounds of that of gyros.
-    float
-        Least of that of accelerometers.
     """
     moving, imu = walks_in_motion(source), start.settings.imu
     assumed = imu.angle_random_walk, imu.velocity_random_walk
     if start.grade.grade in LOW_COST or not all(assumed):
-        return ANY, 0.0
+        return ANY, ANY
     shown = np.full(2, np.inf) if moving is None else np.divide(moving, assumed)
     rest = np.zeros(2) if start.grade.by_drift else np.nan_to_num(rest)
     gyro, accel = np.minimum(np.minimum(rest, shown), 1.0).tolist()
-    return (gyro, max(float(shown[0]), 1.0)), accel
+    most_gyro, most_accel = np.maximum(shown, 1.0).tolist()
+    has_axes = start.settings.kind.first(ACCEL_AXES) >= 0
+    return (gyro, most_gyro), (accel, most_accel if has_axes else np.inf)
 
 
 def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:
