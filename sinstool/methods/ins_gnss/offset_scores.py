@@ -29,6 +29,8 @@ _SWING_S = 0.02
 _SETTLED_S = 20.0  # a filter's first innovations hold what is not linear in its start
 _MOST_OFF = 1e6  # an estimate astray by more for each s or m, in SI units, is of a filter gone wild
 _TOLERANCE_NS = 200
+_FAR = 3.0  # innovations over what is usual in the log: beyond, they count the less
+_STRETCH_S = 15.0  # scores of such stretches are independent of each other
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,30 @@ class OffsetScores:
 
     def __len__(self) -> int:
         return len(self.time_ns)
+
+    @property
+    def robust(self) -> OffsetScores:
+        """The same, of which no single epoch weighs more than usual ones do (after Huber 1964).
+
+        A bad fix may be many thousand sigmas off, and says of a latency as much as all others.
+        """
+        size = np.sqrt(self.nis / np.maximum(self.rows, 1.0))
+        far = _FAR * max(float(np.median(size)), 1.0)
+        weight = np.minimum(1.0, far / np.maximum(size, far))
+        return replace(
+            self,
+            information=self.information * weight[:, None, None],
+            score=self.score * weight[:, None],
+            nis=self.nis * weight,
+            rows=self.rows * weight,
+        )
+
+    def scatter(self, score: FloatArray) -> FloatArray:
+        """Covariance of the sum of scores, shape (n, p), by how those of stretches scatter."""
+        stretch = ((self.time_ns - self.time_ns[0]) * 1e-9 / _STRETCH_S).astype(np.int64)
+        sums = np.stack([np.bincount(stretch, column) for column in score.T], axis=1)
+        sums = sums[np.bincount(stretch) > 0]
+        return np.asarray(sums.T @ sums * len(sums) / max(len(sums) - score.shape[1], 1))
 
 
 def offset_scores(

@@ -31,6 +31,7 @@ import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate, clock_rate
 from sinstool.methods.ins_gnss.latency import Latency, LatencyStatus
 from sinstool.methods.ins_gnss.offset_scores import OffsetScores, offset_scores
 from sinstool.methods.ins_gnss.settings import Settings, Start
@@ -56,9 +57,7 @@ has one axis; and seconds below which no other latency is spoken of."""
 # than the second is where it was said to be.
 _LEAST_SIGMA_M, LEAST_ARM_M = 0.03, 0.3
 _LEAST_SIGMA_S = 3e-4  # stamps and samples are no better
-_STRETCH_S = 15.0  # scores of such stretches are independent of each other
 _LEAST = 20  # epochs
-_FAR = 3.0  # innovations over what is usual in the log: beyond, they count the less
 # The latency used and its estimate are brought this near, s, or to so much of a sigma; they agree
 # where they are within a sigma or so many seconds.
 _AGREE_S, _AGREE, _APART_S = 1e-3, 0.2, 0.01
@@ -99,6 +98,8 @@ class ReceiverOffsets:
         Whether somebody said where the antenna is.
     spread : float
         By how much less certain the latency is than its covariance says, see :func:`settle`.
+    clock : ClockRate
+        By how much the latency changes meanwhile.
     """
 
     latency_s: float
@@ -112,6 +113,7 @@ class ReceiverOffsets:
     rows: float = 1.0
     given: bool = True
     spread: float = 1.0
+    clock: ClockRate = STEADY
 
     @property
     def sigma_s(self) -> float:
@@ -246,6 +248,7 @@ def estimate_offsets(
     answer = ReceiverOffsets(
         float(free[0]), free[1:], covariance, off, sigma, turned, misfit, square, rows, given
     )
+    answer = replace(answer, clock=clock_rate(scores))
     if not given or answer.arm_contradicts:
         return answer
     near, covariance, _ = _solved(scores, here, usual, ARM_SURE_M)
@@ -413,7 +416,7 @@ def _solved(
 
     From scores about `here` and a prior about `usual`.
     """
-    scores = _robust(scores)
+    scores = scores.robust
     prior = np.diag(1.0 / np.square([LATENCY_S, arm_m, arm_m, arm_m]))
     pull = prior @ (usual - here)
     information, score = scores.information.sum(axis=0), scores.score.sum(axis=0)
@@ -428,29 +431,8 @@ def _solved(
         excess = max(misfit, 1.0)
     covariance = np.linalg.inv(information / excess + prior)
     b = covariance @ (score / excess + pull)
-    stretch = ((scores.time_ns - scores.time_ns[0]) * 1e-9 / _STRETCH_S).astype(np.int64)
-    rest = scores.score - scores.information @ b
-    sums = np.stack([np.bincount(stretch, rest[:, i]) for i in range(4)], axis=1)
-    sums = sums[np.bincount(stretch) > 0]
-    spread = sums.T @ sums / excess**2 * len(sums) / max(len(sums) - 4, 1)
+    spread = scores.scatter(scores.score - scores.information @ b) / excess**2
     scattered = covariance @ (spread + prior) @ covariance
     more = np.sqrt(np.maximum(np.diag(scattered) / np.diag(covariance), 1.0))
     least = np.diag(np.square([_LEAST_SIGMA_S, *[_LEAST_SIGMA_M] * 3]))
     return here + b, covariance * np.outer(more, more) + least, misfit
-
-
-def _robust(scores: OffsetScores) -> OffsetScores:
-    """Scores of which no single epoch weighs more than usual ones do (after Huber 1964).
-
-    A bad fix may be many thousand sigmas off, and says of a latency as much as all others.
-    """
-    size = np.sqrt(scores.nis / np.maximum(scores.rows, 1.0))
-    far = _FAR * max(float(np.median(size)), 1.0)
-    weight = np.minimum(1.0, far / np.maximum(size, far))
-    return replace(
-        scores,
-        information=scores.information * weight[:, None, None],
-        score=scores.score * weight[:, None],
-        nis=scores.nis * weight,
-        rows=scores.rows * weight,
-    )

@@ -313,13 +313,14 @@ class FilterStartTime:
 
 @dataclass(frozen=True)
 class LatencyUsed:
-    """Latency of the fixes, and how it was determined."""
+    """Latency of the fixes, in the middle of the log if it changes, and how it was determined."""
 
     status: str
     sigma_s: float | None
     estimate_s: float | None
     position_s: float
     velocity_s: float
+    clock_ppm: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height.reference import HeightReference
+from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate
 from sinstool.methods.ins_gnss.receiver_offsets import (
     ARM_USUAL_M,
     LATENCY_S,
@@ -105,6 +106,8 @@ class FilterStart:
     denied : float, optional
         By how much -2 log likelihood is less with another first attitude than with that of options;
         0 where none is clearly likelier.
+    clock : ClockRate, optional
+        Of the receiver, by which the stamps of `gnss` were put right.
     unexplained : float, optional
         How many times as noisy as the positions of the same receiver allow its velocities are
         beside the Imu, whatever the latency and the lever arm.
@@ -134,6 +137,7 @@ class FilterStart:
     turned: tuple[float, float] = (0.0, 0.0)
     denied: float = 0.0
     unexplained: float = 0.0
+    clock: ClockRate = STEADY
 
     @cached_property
     def used(self) -> GnssEpochs:

@@ -9,12 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.errors import AlignmentError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.result import fields_in
 from sinstool.core.rotation import from_dcm
 from sinstool.core.streams import Diagnostics, Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.io.writers.solution_topics import Frames
+from sinstool.methods.ins_gnss.clock_rate import ClockRate
 from sinstool.methods.ins_gnss.constraints import Constraints
 from sinstool.methods.ins_gnss.diagnosis import diagnose
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -50,6 +52,7 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
 from sinstool.pipelines.process.ins_gnss.contradictions import contradictions
 from sinstool.pipelines.process.ins_gnss.false_fixes import with_honest_fixes
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
+from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.sample_kind import with_sample_kind
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.untrusted import (
@@ -150,6 +153,8 @@ class FilterRun(Mode):
             longest = longest_carried(best.settings)
             self._best = find_vehicle(self.source, self.config, self.plan.algorithm, best, longest)
         first = self._stretch(self.source, self._start)
+        if first.start.clock.rate != 0.0 and self._put_right(first.start.clock):
+            first = self._stretch(self.source, self._start)
         self._stretches, self._start = [first], first.start
         self._measure_by(first.start)
         self._mount = first.vehicle.mount
@@ -157,6 +162,23 @@ class FilterRun(Mode):
             self._mount = self._best.mount
         if self._mount is not None:
             self.emits = (*self.emits, "vehicle")
+
+    def _put_right(self, clock: ClockRate) -> bool:
+        """Begin anew with stamps of a clock that runs with the Imu's, if that can be done.
+
+        Fixes whose latency changes look as if they wandered, and the Imu as if it did.
+        """
+        aiding, algorithm = self.source.aiding, self.plan.algorithm
+        assert aiding.gnss is not None
+        source = replace(self.source, aiding=replace(aiding, gnss=clock.put_right(aiding.gnss)))
+        try:
+            begun = timed_start(source, self.config, algorithm, first_start(source, self.config))
+        except AlignmentError:
+            return False
+        self.source, self._best = source, None
+        self._planned = replace(begun, clock=clock)
+        self._start = start_before_gaps(source, self.config, self._planned) or self._planned
+        return True
 
     def _measure_by(self, start: FilterStart) -> None:
         """Score fixes that are withheld, and widen covariances, by the latency of this start."""
@@ -431,6 +453,7 @@ class FilterRun(Mode):
             estimate_s=None if shown is None else shown.latency_s,
             position_s=p.settings.gnss_latency - half,
             velocity_s=p.settings.gnss_latency + half,
+            clock_ppm=1e6 * p.clock.rate,
         )
 
     def _scores(self) -> WithheldScores | None:

@@ -51,6 +51,15 @@ def notes(
             f" stamps (sigma {start.offsets.sigma_s:.4f} s), as the log shows; --gnss-latency"
             " overrides this",
         )
+    if start.clock.rate != 0.0:
+        rate, sigma, span = 1e6 * start.clock.rate, 1e6 * start.clock.sigma, start.clock.span_s
+        note(
+            "clock-rate",
+            f"the receiver's clock runs {'faster' if rate > 0.0 else 'slower'} than the Imu's by"
+            f" {abs(rate):.1f} ppm (sigma {sigma:.1f}), {1e-3 * abs(rate) * span:.0f} ms in"
+            f" {span:.0f} s, as the log shows: the stamps of fixes are corrected accordingly"
+            " (--gnss-latency overrides this)",
+        )
     moment = start.offsets_error
     if start.latency_status != "given":
         sigma = float(np.sqrt(moment[0, 0]))

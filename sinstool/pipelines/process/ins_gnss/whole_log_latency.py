@@ -1,16 +1,19 @@
-"""Latency of fixes by all of a log, where its first minutes leave more open than matters."""
+"""Latency of fixes by all of a log, where its first minutes leave more open than matters.
+
+In the course of a log it may change, too, where the receiver has a clock of its own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.arrays import FloatArray
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
+from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate
 from sinstool.methods.ins_gnss.fix_velocity import outlying, track_of
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
 from sinstool.methods.strapdown.velocity import Increments
@@ -24,14 +27,23 @@ LONGER = 1.5
 LONGEST_NS = 3600 * SECOND
 # Beside the noise of a fix, a latency matters if its sigma is worth so much at usual speed.
 MATTERS = 0.1
+# The rate of a clock is sought so often; errors of a filter are not linear in those of its fixes.
+ROUNDS = 5
 
 
 @dataclass(frozen=True)
 class WholeLogLatency:
-    """A latency, s, and what is known of it and of the lever arm beside it."""
+    """A latency, s, and what is known of it and of the lever arm beside it.
+
+    Attributes
+    ----------
+    clock : ClockRate
+        Of the receiver, by which its stamps are to be put right.
+    """
 
     latency_s: float
     offsets: ReceiverOffsets
+    clock: ClockRate = STEADY
 
     def used_by(self, start: FilterStart) -> FilterStart:
         """A start with this latency.
@@ -39,12 +51,15 @@ class WholeLogLatency:
         Its position is that of a fix, which was valid earlier or later than it was taken to be.
         """
         begun, settings = start.start, start.settings
-        off = begun.nav[3:6] * (self.latency_s - settings.gnss_latency)
+        latency = self.latency_s + self.clock.latency_at(start.time_ns)
+        off = begun.nav[3:6] * (latency - settings.gnss_latency)
         covariance = begun.covariance_position_n + np.outer(off, off)
         return replace(
             start,
             settings=replace(settings, gnss_latency=self.latency_s),
             start=replace(begun, covariance_position_n=covariance),
+            gnss=self.clock.put_right(start.gnss),
+            clock=start.clock.plus(self.clock),
             offsets=self.offsets,
             latency_status="found",
         )
@@ -71,24 +86,38 @@ def latency_of_whole_log(
     parts = [p for p in joined if p.time_ns[0] < begin_ns + LONGEST_NS]
     stated_b = config.gnss.lever_arm
     assumed_b, control = stated_b or np.zeros(3), start.settings.control
-    everything = start.used.rows(~outlying(start.used))
+    far = outlying(start.used)
 
-    def about(latency: float, _arm_b: FloatArray | None, gated: bool) -> ReceiverOffsets | None:
+    def about(latency: float, clock: ClockRate, gated: bool) -> ReceiverOffsets | None:
         gate = control if gated else replace(control, gate_probability=1.0)
         settings = replace(start.settings, gnss_latency=latency, control=gate)
-        fixes = start.used if gated else everything
+        fixes = clock.put_right(start.used if gated else start.used.rows(~far))
         return estimate_offsets(
             start.start, settings, parts, fixes, assumed_b, stated_b is not None
         )
 
-    used, found, agrees = settle(about, start.settings.gnss_latency)
-    if found is None or not agrees or found.sigma_s > shown.sigma_s:
+    clock = _clock(lambda so_far: about(start.settings.gnss_latency, so_far, False))
+    used, found, agrees = settle(
+        lambda latency, _arm_b, gated: about(latency, clock, gated), start.settings.gnss_latency
+    )
+    if found is None or not agrees or (found.sigma_s > shown.sigma_s and clock.rate == 0.0):
         return None
     if start.arm_status != "given":
         found = found.used_at(arm_b)
-    if not found.latency.differs_from(0.0, LEAST_S, USED):
+    if clock.rate == 0.0 and not found.latency.differs_from(0.0, LEAST_S, USED):
         used = 0.0
-    return WholeLogLatency(used, found)
+    return WholeLogLatency(used, found, clock)
+
+
+def _clock(about: Callable[[ClockRate], ReceiverOffsets | None]) -> ClockRate:
+    """The rate of the receiver's clock with which none is left."""
+    clock = STEADY
+    for _ in range(ROUNDS):
+        shown = about(clock)
+        if shown is None or not shown.clock.shown:
+            return clock
+        clock = clock.plus(shown.clock)
+    return STEADY
 
 
 def _usual_speed(gnss: GnssEpochs) -> float:
