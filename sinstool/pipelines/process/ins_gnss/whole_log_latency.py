@@ -13,7 +13,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
-from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate
+from sinstool.methods.ins_gnss.clock_rate import STEADY, USUAL_RATE, ClockRate
 from sinstool.methods.ins_gnss.fix_velocity import outlying, track_of
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
 from sinstool.methods.strapdown.velocity import Increments
@@ -25,8 +25,9 @@ LONGER = 1.5
 # No receiver's latency is known to less than an hour of driving shows; nor does it stay the same
 # for much longer.
 LONGEST_NS = 3600 * SECOND
-# Beside the noise of a fix, a latency matters if its sigma is worth so much at usual speed.
-MATTERS = 0.1
+# Beside the noise of a fix, a latency matters if what is not known of it, with the rate of a clock,
+# is worth so much at usual speed.
+MATTERS = 0.15
 # The rate of a clock is sought so often; errors of a filter are not linear in those of its fixes.
 ROUNDS = 5
 
@@ -81,7 +82,10 @@ def latency_of_whole_log(
     begin_ns, end_ns = int(joined[0].time_ns[0]), int(joined[-1].time_ns[-1])
     if end_ns - begin_ns < LONGER * FIRST_NS:
         return None
-    if shown.sigma_s * _usual_speed(start.used) < MATTERS * start.fix_sigma_m:
+    # A clock that runs evenly is off by so much, as a root mean square, about the middle
+    changes = USUAL_RATE * (end_ns - begin_ns) / SECOND / np.sqrt(12.0)
+    unknown = float(np.hypot(shown.sigma_s, changes))
+    if unknown * _usual_speed(start.used) < MATTERS * start.fix_sigma_m:
         return None
     parts = [p for p in joined if p.time_ns[0] < begin_ns + LONGEST_NS]
     stated_b = config.gnss.lever_arm
