@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from sinstool.config import ProcessConfig
+from sinstool.core.rotation import to_dcm
 from sinstool.core.timeline import SECOND
 from sinstool.pipelines.process.ins_gnss.whole_log_latency import (
     WholeLogLatency,
     latency_of_whole_log,
 )
 from tests.helpers.filter_logs import run, start_of
-from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
+from tests.helpers.unseen_drives import GRADES, LEVER, T0, drive, record, write
 
 GROUPS = {"gnss": {"lever_arm": tuple(LEVER.tolist())}, "input": {"gyro_kind": "mean-rate"}}
 
@@ -34,6 +35,7 @@ def test_twenty_minutes_show_more_than_six(late):
     assert shown["sigma_s"] < 0.75 * first.offsets.sigma_s
     assert abs(shown["estimate_s"] - latency) < 3.5 * shown["sigma_s"]
     assert abs(found["gnss_latency_s"] - latency) < 3.5 * shown["sigma_s"]
+    assert shown["clock_ppm"] == 0.0
 
 
 def test_a_latency_that_is_given_is_used_as_it_is(late):
@@ -42,6 +44,29 @@ def test_a_latency_that_is_given_is_used_as_it_is(late):
     found = run(log, gnss=gnss, input=GROUPS["input"])[0]["filter"]
     assert found["gnss_latency_s"] == latency
     assert found["gnss_latency"]["status"] == "given"
+
+
+@pytest.mark.parametrize("seed, rate", [(5, 40e-6), (7, -25e-6)])
+def test_a_clock_of_the_receivers_own_is_put_right(tmp_path, seed, rate):
+    """Which would move the solution by half a metre."""
+    truth = drive(seed, 1200.0)
+    data = record(truth, GRADES["industrial"], seed)
+    stamps = data.fixes.seconds * (1.0 + rate)
+    log = write(tmp_path / "log.mcap", replace(data, fixes=replace(data.fixes, seconds=stamps)))
+    summary, solution = run(log, filter={"smooth": True}, **GROUPS)
+    latency = summary["filter"]["gnss_latency"]
+    assert latency["clock_ppm"] == pytest.approx(1e6 * rate, abs=10.0)
+    (finding,) = (one for one in summary["findings"] if one["kind"] == "clock-rate")
+    assert ("faster" if rate > 0.0 else "slower") in finding["text"]
+    seconds = (solution.time_ns - T0) * 1e-9
+    late = np.flatnonzero(seconds > 300.0)[::100]
+    error = truth.errors_of(
+        seconds[late], *solution.position[late].T, solution.velocity_n[late],
+        to_dcm(solution.q_nb[late]),
+    )  # fmt: skip
+    assert np.sqrt(np.mean(error[:, :2] ** 2)) < 0.05
+    sigma = np.sqrt(np.diagonal(solution.covariance_position_n[late], axis1=1, axis2=2))
+    assert 0.4 < np.sqrt(np.mean((error[:, :3] / sigma) ** 2)) < 1.6
 
 
 def test_the_first_position_is_as_uncertain_as_the_change_makes_it(late):
