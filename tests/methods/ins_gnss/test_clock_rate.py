@@ -60,7 +60,7 @@ def test_a_rate_that_hardly_changes_the_latency_is_none():
 def test_stamps_are_put_right(rate, left, seconds):
     time_ns = np.array(seconds, np.int64) * SECOND
     n = len(time_ns)
-    fixes = GnssEpochs(time_ns, *np.zeros((3, n)), *np.zeros((3, n, 3)))
+    fixes = GnssEpochs(time_ns, time_ns, *np.zeros((3, n)), *np.zeros((3, n, 3)))
     first = ClockRate(rate, 1e-6, 3600 * SECOND, 7200.0)
     both = first.plus(ClockRate(left, 1e-6, 3600 * SECOND, 7200.0))
     once, then = first.put_right(fixes), both.put_right(fixes)
