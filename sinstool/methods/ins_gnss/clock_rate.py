@@ -46,6 +46,11 @@ class ClockRate:
         change = abs(self.rate) * self.span_s
         return abs(self.rate) > _SHOWN * self.sigma and change > _LEAST_S
 
+    @property
+    def spread_s(self) -> float:
+        """How far off the latency is for the rate's own sigma, root mean square over the span."""
+        return self.sigma * self.span_s / float(np.sqrt(12.0))
+
     def plus(self, other: ClockRate) -> ClockRate:
         """With what is left after stamps were put right by this one."""
         if self.rate == 0.0 or other.rate == 0.0:

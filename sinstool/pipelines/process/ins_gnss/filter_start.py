@@ -215,6 +215,7 @@ class FilterStart:
         moment = np.diag([0.0 if configured else LATENCY_S**2, arm, arm, arm])
         if self.offsets is not None:
             moment = self.offsets.error_of(self.settings.gnss_latency, configured)
+        moment[0, 0] += self.clock.spread_s**2
         contradicted = self.offsets is not None and self.offsets.arm_contradicts
         square, fix = float(np.trace(moment[1:, 1:])), self.fix_sigma_m**2
         matters = not MUCH_BETTER * fix < square < 3.0 * fix

@@ -28,8 +28,9 @@ LONGEST_NS = 3600 * SECOND
 # Beside the noise of a fix, a latency matters if what is not known of it, with the rate of a clock,
 # is worth so much at usual speed.
 MATTERS = 0.15
-# The rate of a clock is sought so often; errors of a filter are not linear in those of its fixes.
-ROUNDS = 5
+# The rate of a clock is sought so often in each of such shares of a log: errors of a filter are not
+# linear in those of its fixes.
+ROUNDS, SHARES = 6, (0.25, 0.5, 1.0)
 
 
 @dataclass(frozen=True)
@@ -87,12 +88,15 @@ def latency_of_whole_log(
     unknown = float(np.hypot(shown.sigma_s, changes))
     if unknown * _usual_speed(start.used) < MATTERS * start.fix_sigma_m:
         return None
-    parts = [p for p in joined if p.time_ns[0] < begin_ns + LONGEST_NS]
+    span_ns = min(end_ns - begin_ns, LONGEST_NS)
     stated_b = config.gnss.lever_arm
     assumed_b, control = stated_b or np.zeros(3), start.settings.control
     far = outlying(start.used)
 
-    def about(latency: float, clock: ClockRate, gated: bool) -> ReceiverOffsets | None:
+    def about(
+        latency: float, clock: ClockRate, gated: bool, share: float = 1.0
+    ) -> ReceiverOffsets | None:
+        parts = [p for p in joined if p.time_ns[0] < begin_ns + share * span_ns]
         gate = control if gated else replace(control, gate_probability=1.0)
         settings = replace(start.settings, gnss_latency=latency, control=gate)
         fixes = clock.put_right(start.used if gated else start.used.rows(~far))
@@ -100,10 +104,9 @@ def latency_of_whole_log(
             start.start, settings, parts, fixes, assumed_b, stated_b is not None
         )
 
-    clock = _clock(lambda so_far: about(start.settings.gnss_latency, so_far, False))
-    used, found, agrees = settle(
-        lambda latency, _arm_b, gated: about(latency, clock, gated), start.settings.gnss_latency
-    )
+    first = start.settings.gnss_latency
+    clock = _clock(lambda so_far, share: about(first, so_far, False, share))
+    used, found, agrees = settle(lambda latency, _arm_b, gated: about(latency, clock, gated), first)
     if found is None or not agrees or (found.sigma_s > shown.sigma_s and clock.rate == 0.0):
         return None
     if start.arm_status != "given":
@@ -113,15 +116,27 @@ def latency_of_whole_log(
     return WholeLogLatency(used, found, clock)
 
 
-def _clock(about: Callable[[ClockRate], ReceiverOffsets | None]) -> ClockRate:
-    """The rate of the receiver's clock with which none is left."""
+def _clock(about: Callable[[ClockRate, float], ReceiverOffsets | None]) -> ClockRate:
+    """The rate of the receiver's clock with which none is left, at first in a part of the log.
+
+    Parameters
+    ----------
+    about : callable
+        Takes what is known of the clock, and the share of the log that is to be looked at.
+    """
+    shown = about(STEADY, 1.0)
+    if shown is None or not shown.clock.shown:
+        return STEADY
     clock = STEADY
-    for _ in range(ROUNDS):
-        shown = about(clock)
-        if shown is None or not shown.clock.shown:
-            return clock
-        clock = clock.plus(shown.clock)
-    return STEADY
+    for share in SHARES:
+        for _ in range(ROUNDS):
+            shown = about(clock, share)
+            if shown is None:
+                return STEADY
+            if not shown.clock.shown:
+                break
+            clock = clock.plus(shown.clock)
+    return clock
 
 
 def _usual_speed(gnss: GnssEpochs) -> float:
