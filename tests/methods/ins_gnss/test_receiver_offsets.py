@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 
 from sinstool.methods.ins_gnss import receiver_offsets
-from sinstool.methods.ins_gnss.offset_scores import OffsetScores
+from sinstool.methods.ins_gnss.offset_scores import _FAR, OffsetScores
 from sinstool.methods.ins_gnss.receiver_offsets import (
-    _FAR,
     _LEAST,
     _LEAST_SIGMA_M,
     _LEAST_SIGMA_S,
     ARM_UNKNOWN_M,
     LATENCY_S,
-    _robust,
     _solved,
     estimate_offsets,
 )
@@ -39,7 +37,7 @@ def test_no_epoch_weighs_more_than_usual_ones():
     nis = np.full(40, 24.0)  # twice as large as noise explains
     nis[7], nis[8] = 24.0 * 2.9**2, 24.0 * 300.0**2
     plain = scores(nis)
-    robust = _robust(plain)
+    robust = plain.robust
     weight = np.ones(40)
     weight[8] = _FAR / 300.0
     np.testing.assert_allclose(robust.nis, plain.nis * weight)
@@ -47,7 +45,7 @@ def test_no_epoch_weighs_more_than_usual_ones():
     np.testing.assert_allclose(robust.score, plain.score * weight[:, None])
     np.testing.assert_allclose(robust.information, plain.information * weight[:, None, None])
     # Where the usual innovation is smaller than the filter expects, one of its sigmas is usual
-    small = _robust(scores(np.where(np.arange(40) == 8, 6.0 * 2.9**2, 0.06)))
+    small = scores(np.where(np.arange(40) == 8, 6.0 * 2.9**2, 0.06)).robust
     np.testing.assert_array_equal(small.rows, 6.0)
 
 
