@@ -18,8 +18,9 @@ USUAL_RATE = 2e-5
 
 # What the scores are estimated beside: see `receiver_offsets`.
 _LATENCY_S, _ARM_M = 0.2, 2.0
-# A rate counts that is so many of its sigmas and changes the latency by so many seconds.
-_SHOWN, _LEAST_S = 5.0, 0.01
+# A rate counts that is so many of its sigmas and changes the latency by so many seconds. One of
+# fewer may be part of a larger one, as a filter takes most of it for errors of its sensors.
+_SHOWN, _HINTED, _LEAST_S = 5.0, 2.0, 0.01
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,16 @@ class ClockRate:
     @property
     def shown(self) -> bool:
         """Whether the log shows that the clocks do not run together."""
+        return self._is(_SHOWN)
+
+    @property
+    def hinted(self) -> bool:
+        """Whether that is worth looking for."""
+        return self._is(_HINTED)
+
+    def _is(self, sigmas: float) -> bool:
         change = abs(self.rate) * self.span_s
-        return abs(self.rate) > _SHOWN * self.sigma and change > _LEAST_S
+        return abs(self.rate) > sigmas * self.sigma and change > _LEAST_S
 
     @property
     def spread_s(self) -> float:

@@ -20,7 +20,8 @@ from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.timing import FIRST_NS, LEAST_S, USED
 
-# A log so many times as long as its first part says more of the latency than that did.
+# A log so many times as long as its first part says more of the latency than that did. A shorter
+# one is asked again if that part hints that the latency changes.
 LONGER = 1.5
 # No receiver's latency is known to less than an hour of driving shows; nor does it stay the same
 # for much longer.
@@ -81,7 +82,7 @@ def latency_of_whole_log(
     if start.latency_status == "given" or shown is None or not joined:
         return None
     begin_ns, end_ns = int(joined[0].time_ns[0]), int(joined[-1].time_ns[-1])
-    if end_ns - begin_ns < LONGER * FIRST_NS:
+    if end_ns - begin_ns < LONGER * FIRST_NS and not shown.clock.hinted:
         return None
     # A clock that runs evenly is off by so much, as a root mean square, about the middle
     changes = USUAL_RATE * (end_ns - begin_ns) / SECOND / np.sqrt(12.0)
@@ -125,7 +126,7 @@ def _clock(about: Callable[[ClockRate, float], ReceiverOffsets | None]) -> Clock
         Takes what is known of the clock, and the share of the log that is to be looked at.
     """
     shown = about(STEADY, 1.0)
-    if shown is None or not shown.clock.shown:
+    if shown is None or not shown.clock.hinted:
         return STEADY
     clock = STEADY
     for share in SHARES:
@@ -133,10 +134,10 @@ def _clock(about: Callable[[ClockRate, float], ReceiverOffsets | None]) -> Clock
             shown = about(clock, share)
             if shown is None:
                 return STEADY
-            if not shown.clock.shown:
+            if not shown.clock.hinted:
                 break
             clock = clock.plus(shown.clock)
-    return clock
+    return clock if clock.shown else STEADY
 
 
 def _usual_speed(gnss: GnssEpochs) -> float:
