@@ -107,6 +107,22 @@ def profiled(
     return found, lacking * np.outer(down_b, down_b)
 
 
+def likeliest(refine: Refinement, dcm: FloatArray, down_i: FloatArray) -> Refined:
+    """The refinement that explains the fixes best, of those from headings all around.
+
+    Parameters
+    ----------
+    refine : callable
+    dcm : ndarray, shape (3, 3)
+        An attitude whose heading is not known.
+    down_i : ndarray, shape (3,)
+        The vertical, in the axes that `dcm` leads to.
+    """
+    angles = np.arange(0.0, 2.0 * np.pi, 0.5 * AROUND)
+    tried = (refine(_turned(dcm, down_i, angle)) for angle in angles)
+    return min(tried, key=lambda one: one.chi2)
+
+
 def _profile(refine: Refinement, found: Refined, down_i: FloatArray, many: int) -> Profile:
     dcm = _corrected(found)
     down_b = dcm.T @ down_i

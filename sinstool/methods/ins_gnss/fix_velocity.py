@@ -43,7 +43,7 @@ BOUND_S, LEAST_LONG = (2.0, 20.0), 4.0
 BLOCK = 2**14
 
 
-def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
+def with_velocities(gnss: GnssEpochs, sigma_m: float, together: bool = False) -> GnssEpochs:
     """Epochs with velocities made from their positions.
 
     Parameters
@@ -52,6 +52,9 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
         By time.
     sigma_m : float
         Noise of a position from one fix to the next, m.
+    together : bool, optional
+        Sigmas for a filter that takes their noise to be white: velocities half a window apart are
+        of the same fixes, and all of these are worth no more than one.
 
     Returns
     -------
@@ -75,6 +78,8 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
     )
     position = np.stack([north, east, -(rows.height - rows.height[0])], axis=1)
     half = _half(t, sigma_m)
+    if together:
+        sigma_m *= float(np.sqrt(max(half / float(median(np.diff(t))), 1.0)))
     velocity, sigma, good = np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.bool_)
     for begin in range(0, n, BLOCK):
         here = np.arange(begin, min(begin + BLOCK, n))

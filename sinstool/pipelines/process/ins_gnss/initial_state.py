@@ -43,10 +43,12 @@ class StartFixes:
         """Of the fixes that the filter may use, with such noise."""
         if gnss.has_velocity.any():
             return cls(gnss, gnss)
-        gnss = with_velocities(gnss, float(max(model.position_white[:2])))
+        white = float(max(model.position_white[:2]))
+        shown = with_velocities(gnss, white, together=True)
+        gnss = with_velocities(gnss, white)
         # Where speed changes quickly these are rough, and that is no fault of the receiver
-        sigma = np.sqrt(np.mean(np.square(gnss.sigma_velocity_n), axis=1))
-        return cls(gnss, gnss.rows(~rough_fixes(gnss.time_ns, sigma)))
+        sigma = np.sqrt(np.mean(np.square(shown.sigma_velocity_n), axis=1))
+        return cls(gnss, shown.rows(~rough_fixes(shown.time_ns, sigma)))
 
 
 @dataclass(frozen=True)
