@@ -63,8 +63,8 @@ REASONS = 3
 
 REFINE_SIGMA = float(np.deg2rad(20.0))
 """Worst-axis sigma of the solver's answer beyond which the refinement would not be linear. It
-counts what the sensors' errors may have done, which the refinement then finds: where only the
-heading is less certain, it begins from headings all around."""
+counts what the sensors' errors may have done, which the refinement then finds. From headings all
+around it may begin where only the heading is less certain."""
 
 # Beside a vehicle so slow that the solver does not see its heading, an antenna that swings about it
 # and fixes that are late matter: what is not known of them, m and s.
@@ -246,7 +246,9 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
     if settings.refine:
         if settings.vectors == "pos":
             warnings.append("not refined: that needs velocity")
-        elif best.sigma_worst > REFINE_SIGMA and not _level_known(covariance, best):
+        elif best.sigma_worst > REFINE_SIGMA and not (
+            settings.around and _level_known(covariance, best)
+        ):
             warnings.append("not refined: the attitude to start from is not known well enough")
         else:
             result, errors, lacking = _refined(best, settings)
@@ -348,9 +350,9 @@ def _refined(
     best: Candidate, settings: AlignmentSettings
 ) -> tuple[refinement.Refined, RefinedErrors, FloatArray]:
     """The refinement, its errors, and what its covariance of theta lacks."""
-    segment, unsure = best.segment, best.sigma_worst > REFINE_SIGMA
+    segment = best.segment
     lever_sigma, latency_sigma = settings.refine_lever_sigma, settings.refine_latency_sigma
-    if unsure:
+    if settings.around:
         told = bool(np.any(settings.lever_arm_b))
         lever_sigma = max(lever_sigma, TOLD_LEVER_SIGMA if told else OPEN_LEVER_SIGMA)
         latency_sigma = max(latency_sigma, SLOW_LATENCY_SIGMA)
@@ -378,7 +380,8 @@ def _refined(
         return refiner((settings.at == "start") == (held is None))(dcm, held)
 
     down_i = segment.dcm_ni()[0 if settings.at == "start" else -1, 2]
-    first = likeliest(refine, best.solution.dcm, down_i) if unsure else refine(best.solution.dcm)
+    begun = likeliest(refine, best.solution.dcm, down_i) if settings.around else None
+    first = begun or refine(best.solution.dcm)
     result, lacking = profiled(refine, first, down_i, 3 * int(use.sum()))
     x, sigma = result.state, np.sqrt(np.diag(result.covariance))
     parts = {
