@@ -44,7 +44,7 @@ class StartFixes:
         if gnss.has_velocity.any():
             return cls(gnss, gnss)
         white = float(max(model.position_white[:2]))
-        shown = with_velocities(gnss, white, together=True)
+        shown = with_velocities(gnss, white, model.position_wander)
         gnss = with_velocities(gnss, white)
         # Where speed changes quickly these are rough, and that is no fault of the receiver
         sigma = np.sqrt(np.mean(np.square(shown.sigma_velocity_n), axis=1))
