@@ -173,11 +173,13 @@ def align_moving(
             continue
         if made.good:
             return made
-    if moving is not None:
+    if moving is not None and not moving.good:
+        # What is slower than sensor errors allow for shows its heading beside them
         with suppress(AlignmentError):
             slow = begun(start, notes, around=True)
             if slow.good:
                 return slow
+    if moving is not None:
         return moving
     try:
         raise refused
