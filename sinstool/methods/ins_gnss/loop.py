@@ -22,6 +22,7 @@ from sinstool.methods.ins_gnss.gnss import gnss_epoch
 from sinstool.methods.ins_gnss.layout import Memory, Model
 from sinstool.methods.ins_gnss.model import radii
 from sinstool.methods.ins_gnss.states import ATTITUDE, I_BARO, I_GYRO_AXES, POSITION, VELOCITY
+from sinstool.methods.strapdown.followed_rates import FOLLOWED_S
 from sinstool.methods.strapdown.navigation import (
     HEIGHT,
     LATITUDE,
@@ -276,13 +277,18 @@ def run(
                 moved[3] = (nav[V_NORTH] - vn0) * inverse
                 moved[4] = (nav[V_NORTH + 1] - ve0) * inverse
                 moved[5] = (nav[V_DOWN] - vd0) * inverse
-                # The rate that swings the antenna, as it changes from the update before
+                # The rate that swings the antenna as it changes over this update: what long ones
+                # have in the mean changes from the middle of the one before
+                smooth = dt > FOLLOWED_S
                 for i in range(3):
-                    moved[6 + i] = (followed[k, i] - m.swing[i]) / dt if bridges == 0 else 0.0
+                    before = m.rate[i] if smooth else m.swing[i]
+                    after = phi[k, i] / dt if smooth else followed[k, i]
+                    moved[6 + i] = (after - before) / dt if bridges == 0 else 0.0
                 m.rate[0], m.rate[1], m.rate[2] = rate_x, rate_y, rate_z
                 if bridge == bridges:
                     for i in range(3):
-                        m.rate[i] += followed[k, i] - phi[k, i] / dt
+                        own = 0.5 * d * moved[6 + i] if smooth else followed[k, i] - phi[k, i] / dt
+                        m.rate[i] += own
                 while fix_next < len(fix_time) and fix_time[fix_next] <= now:
                     gnss_epoch(
                         m,
