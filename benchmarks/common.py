@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core import earth, rotation
+from sinstool.core.streams import concatenate, take_rows
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.coning.algorithm import GyroKind
 from sinstool.methods.coning.registry import algorithm
@@ -121,14 +122,12 @@ def compensated(
         lambda: ConingStage(algorithm(name), kind, nominal_interval=float(interval))
     )
     parts = [stage.push(gyro, accel, time_ns), stage.finish()]
-    return Increments(
-        *(np.concatenate([getattr(p, c) for p in parts]) for c in Increments.__dataclass_fields__)
-    )
+    return concatenate(parts)
 
 
 def rows_of(increments: Increments, rows: slice | FloatArray) -> Increments:
     """Some of the increments."""
-    return Increments(*(column[rows] for column in vars(increments).values()))
+    return take_rows(increments, rows)
 
 
 def state_errors(flight: Trajectory, rows: Any, nav: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import segments
 from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.strapdown.followed_rates import with_followed
 from sinstool.methods.strapdown.joined_updates import joined_updates
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentSamples
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
@@ -47,6 +48,13 @@ class SegmentIncrements:
             Updates, the samples at their ends, and, where they are the first of a segment, the
             sample at which it begins.
         """
+        for increments, (imu, opening) in with_followed(self._made(start_ns, end_ns, progress)):
+            yield increments, imu, opening
+
+    def _made(
+        self, start_ns: int, end_ns: int | None, progress: Any
+    ) -> Iterator[tuple[Increments, tuple[Imu, Imu | None]]]:
+        """Increments without the rates for which those that follow must be known."""
         config, source = self._config, self._source
         blocks = rate_blocks(source, config, start_ns, progress)
         stage: IncrementStage | None = None
@@ -125,7 +133,7 @@ def _up_to_gap(
 
 def _answer(
     made: Increments, waiting: SegmentSamples, opening: Imu | None
-) -> Iterator[tuple[Increments, Imu, Imu | None]]:
+) -> Iterator[tuple[Increments, tuple[Imu, Imu | None]]]:
     """Updates with their samples, if there are any."""
     if len(made.sample):
-        yield made, waiting.take(made.sample), opening
+        yield made, (waiting.take(made.sample), opening)

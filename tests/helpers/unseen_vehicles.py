@@ -105,6 +105,31 @@ def _row(random: np.random.Generator, pace: float) -> list[tuple[float, float, f
     return [*row, (10.0, 0.7 * pace, side * np.pi / 12.0)]
 
 
+def robot(seed: int, duration: float = 240.0) -> Motion:
+    """A mower on its tracks: 0.4 to 1 m/s, stops, turns on the spot, and often goes backwards."""
+    random = np.random.default_rng([seed, 16])
+    t = np.arange(0.0, duration, 1.0 / RATE)
+    pace = random.uniform(0.4, 1.0)
+    times, speeds, rates = [0.0, 15.0], [0.0, 0.0], [0.0, 0.0]
+    while times[-1] < duration:
+        ahead = (random.uniform(5.0, 20.0), float(random.choice([1.0, 1.0, -1.0])) * pace, 0.0)
+        round_ = (random.uniform(2.0, 6.0), 0.0, random.uniform(-0.6, 0.6))
+        for seconds, speed, rate in (ahead, round_):
+            times += [times[-1] + 0.6, times[-1] + 0.6 + seconds]
+            speeds += [speed, speed]
+            rates += [rate, rate]
+    speed = smoothed(np.interp(t, times, speeds), 0.6)
+    heading = running_integral(
+        smoothed(np.interp(t, times, rates), 0.6), 2.0 * np.pi * random.random()
+    )
+    velocity = np.stack([speed * np.cos(heading), speed * np.sin(heading), 0.0 * t], axis=1)
+    moves = np.minimum(np.abs(speed) / 0.5, 1.0)[:, None]
+    velocity += moves * (np.array([0.01, 0.01, 0.02]) * band_noise(random, t, 1.0, 8.0))
+    angles = np.stack([0.0 * t, 0.0 * t, heading], axis=1)
+    angles += moves * (DEG * np.array([1.0, 1.0, 0.2]) * band_noise(random, t, 1.0, 6.0))
+    return motion_of(t, velocity, angles)
+
+
 def glider(seed: int, duration: float = 600.0) -> Motion:
     """Minutes of circling in a wind, glides between, in the air from the start on."""
     random = np.random.default_rng([seed, 14])
@@ -144,4 +169,4 @@ def helicopter(seed: int, duration: float = 600.0) -> Motion:
     return motion_of(t, velocity, angles)
 
 
-VEHICLES = {f.__name__: f for f in (motorcycle, train, tractor, glider, helicopter)}
+VEHICLES = {f.__name__: f for f in (motorcycle, train, tractor, glider, helicopter, robot)}

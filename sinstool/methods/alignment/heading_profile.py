@@ -67,7 +67,7 @@ class Profile:
 
 
 def profiled(
-    refine: Refinement, first: Refined, down_i: FloatArray, many: int
+    refine: Refinement, first: Refined, down_i: FloatArray, many: int, lasting: bool = False
 ) -> tuple[Refined, FloatArray]:
     """The likeliest refinement, and how much less certain its heading is than it says.
 
@@ -80,6 +80,8 @@ def profiled(
         The vertical, in the axes that `dcm` leads to.
     many : int
         Values that the fixes measure.
+    lasting : bool, optional
+        Innovations that follow one another are worth less.
 
     Returns
     -------
@@ -92,7 +94,8 @@ def profiled(
     for last in (False, True):
         profile = _profile(refine, found, down_i, many)
         best = int(np.argmin(profile.cost))
-        scale = max(found.chi2, 1.0)
+        expected = max(found.chi2, 1.0)
+        scale = max(found.lasting, expected) if lasting else expected
         centre = profile.cost[profile.offset == 0.0][0]
         if last or centre - profile.cost[best] < BETTER * scale:
             break
@@ -101,10 +104,27 @@ def profiled(
             break
         found = again
     down_b = _corrected(found).T @ down_i
-    variance = scale * float(down_b @ found.covariance[THETA:S, THETA:S] @ down_b)
+    claimed = float(down_b @ found.covariance[THETA:S, THETA:S] @ down_b)
     shown = profile.sigma(scale) ** 2
-    lacking = shown - variance if shown > WIDER**2 * variance else 0.0
+    variance = shown if shown > WIDER**2 * scale * claimed else scale * claimed
+    lacking = variance - expected * claimed
     return found, lacking * np.outer(down_b, down_b)
+
+
+def likeliest(refine: Refinement, dcm: FloatArray, down_i: FloatArray) -> Refined:
+    """The refinement that explains the fixes best, of those from headings all around.
+
+    Parameters
+    ----------
+    refine : callable
+    dcm : ndarray, shape (3, 3)
+        An attitude whose heading is not known.
+    down_i : ndarray, shape (3,)
+        The vertical, in the axes that `dcm` leads to.
+    """
+    angles = np.arange(0.0, 2.0 * np.pi, 0.5 * AROUND)
+    tried = (refine(_turned(dcm, down_i, angle)) for angle in angles)
+    return min(tried, key=lambda one: one.chi2)
 
 
 def _profile(refine: Refinement, found: Refined, down_i: FloatArray, many: int) -> Profile:

@@ -37,7 +37,7 @@ from sinstool.core.rotation import from_dcm, to_dcm
 from sinstool.methods.alignment import refine as refinement
 from sinstool.methods.alignment.covariance import axis_sigma, geometry, worst_sigma
 from sinstool.methods.alignment.gate import dynamics, lift_off, looks_clipped
-from sinstool.methods.alignment.heading_profile import profiled
+from sinstool.methods.alignment.heading_profile import likeliest, profiled
 from sinstool.methods.alignment.inflight_types import (
     OK_SIGMA,
     UNIFORM_SIGMA,
@@ -63,7 +63,13 @@ REASONS = 3
 
 REFINE_SIGMA = float(np.deg2rad(20.0))
 """Worst-axis sigma of the solver's answer beyond which the refinement would not be linear. It
-counts what the sensors' errors may have done, which the refinement then finds."""
+counts what the sensors' errors may have done, which the refinement then finds. From headings all
+around it may begin where only the heading is less certain."""
+
+# Beside a vehicle so slow that the solver does not see its heading, an antenna that swings about it
+# and fixes that are late matter: what is not known of them, m and s.
+TOLD_LEVER_SIGMA, OPEN_LEVER_SIGMA = 0.1, 1.0
+SLOW_LATENCY_SIGMA = 0.2
 
 
 @dataclass(frozen=True)
@@ -240,7 +246,9 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
     if settings.refine:
         if settings.vectors == "pos":
             warnings.append("not refined: that needs velocity")
-        elif best.sigma_worst > REFINE_SIGMA:
+        elif best.sigma_worst > REFINE_SIGMA and not (
+            settings.around and _level_known(covariance, best)
+        ):
             warnings.append("not refined: the attitude to start from is not known well enough")
         else:
             result, errors, lacking = _refined(best, settings)
@@ -343,6 +351,11 @@ def _refined(
 ) -> tuple[refinement.Refined, RefinedErrors, FloatArray]:
     """The refinement, its errors, and what its covariance of theta lacks."""
     segment = best.segment
+    lever_sigma, latency_sigma = settings.refine_lever_sigma, settings.refine_latency_sigma
+    if settings.around:
+        told = bool(np.any(settings.lever_arm_b))
+        lever_sigma = max(lever_sigma, TOLD_LEVER_SIGMA if told else OPEN_LEVER_SIGMA)
+        latency_sigma = max(latency_sigma, SLOW_LATENCY_SIGMA)
     use = np.ones(len(segment), dtype=bool)
     if settings.gate == "mask":
         use[1:] = np.diff(segment.not_calm) == 0
@@ -356,9 +369,9 @@ def _refined(
             segment.sigma,
             use,
             settings.grade,
-            max(refinement.START_SIGMA, 3.0 * best.sigma_worst),
-            settings.refine_lever_sigma,
-            settings.refine_latency_sigma,
+            max(refinement.START_SIGMA, 3.0 * min(best.sigma_worst, REFINE_SIGMA)),
+            lever_sigma,
+            latency_sigma,
             backward,
         )
 
@@ -366,9 +379,10 @@ def _refined(
         # A heading is held where the answer is, and all fixes are seen from there
         return refiner((settings.at == "start") == (held is None))(dcm, held)
 
-    first = refine(best.solution.dcm)
-    down_i = segment.dcm_ni()[first.row, 2]
-    result, lacking = profiled(refine, first, down_i, 3 * int(use.sum()))
+    down_i = segment.dcm_ni()[0 if settings.at == "start" else -1, 2]
+    begun = likeliest(refine, best.solution.dcm, down_i) if settings.around else None
+    first = begun or refine(best.solution.dcm)
+    result, lacking = profiled(refine, first, down_i, 3 * int(use.sum()), settings.around)
     x, sigma = result.state, np.sqrt(np.diag(result.covariance))
     parts = {
         "gyro_bias": slice(refinement.BG, refinement.BG + 3),
@@ -388,6 +402,13 @@ def _refined(
         chi2=result.chi2,
     )
     return result, errors, lacking
+
+
+def _level_known(covariance: FloatArray, best: Candidate) -> bool:
+    """Whether it is only about the vertical that a solver's attitude may be far off."""
+    down_b = best.solution.dcm.T @ best.segment.dcm_ni()[0, 2]
+    level = np.eye(3) - np.outer(down_b, down_b)
+    return bool(worst_sigma(level @ covariance @ level) <= REFINE_SIGMA)
 
 
 def _series(best: Candidate, path: Course) -> AlignmentSeries:

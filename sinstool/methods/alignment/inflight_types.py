@@ -212,6 +212,10 @@ class AlignmentSettings:
         wander during the run.
     refine : bool
         Refine the answer by a Kalman filter over the same vectors.
+    around : bool
+        Refine from headings all around, whatever the solver says of it. It is meant for vehicles
+        so slow that sensor errors hide their heading from a solver, and that of an antenna on an
+        arm: the lever arm and the latency are then taken to be little known.
     refine_lever_sigma, refine_latency_sigma : float
         How well the lever arm, m, and the latency, s, are known to it.
     at : {'end', 'start'} or int
@@ -250,6 +254,7 @@ class AlignmentSettings:
     grade: SensorGrade = TACTICAL
     kappa: float = 4.0
     refine: bool = False
+    around: bool = False
     refine_lever_sigma: float = 0.0
     refine_latency_sigma: float = 0.05
     at: str | int = "end"

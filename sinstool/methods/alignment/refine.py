@@ -29,6 +29,9 @@ THETA, S, BA, BG, KA, KG, LEVER, TAU = 0, 3, 6, 9, 12, 15, 18, 21
 INFLATE_FROM = 25.0
 """Squared innovation by its covariance beyond which the noise of a fix is inflated."""
 
+STRETCH_S = 15.0
+"""Errors of fixes that last for less are told from white noise."""
+
 START_SIGMA = float(np.deg2rad(5.0))
 PASSES = 2
 
@@ -52,6 +55,9 @@ class Refined:
     chi2 : float
         Mean squared innovation by its covariance, over 3: about 1 where the errors are as
         large as assumed. A fix that was inflated counts as one at the limit.
+    lasting : float
+        The same of innovations that are summed up over `STRETCH_S`: more where they follow one
+        another.
     """
 
     dcm: FloatArray
@@ -60,6 +66,7 @@ class Refined:
     row: int
     inflated: int
     chi2: float
+    lasting: float = 1.0
 
 
 class Refiner:
@@ -112,6 +119,8 @@ class Refiner:
         self._prior, self._start_sigma = prior, start_sigma
         self._beta, self._alpha = (beta - beta[order[0]])[order], run.alpha - run.alpha[0]
         self._transition = _transitions(run)
+        number = np.floor(np.abs(run.time_s - run.time_s[0]) / STRETCH_S)
+        self._stretches = np.unique(number, return_index=True)[1]
         self._rows = (
             np.einsum("nij,nj->ni", c, run.force_b),
             c @ cross_columns(run.rate_b, np.broadcast_to(np.eye(3), c.shape)),
@@ -138,13 +147,14 @@ class Refiner:
         Two passes: the second is linearised about what the first one found for its start.
         """
         room = np.zeros((6, 22)), np.zeros((22, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 4))
+        off = np.zeros((len(self._alpha), 3))
         for repeat in range(PASSES):
             state, covariance = np.zeros(STATES), np.diag(self._prior)
             if held is not None:
                 covariance[THETA:S, THETA:S] -= self._start_sigma**2 * np.outer(held, held)
             z = self._beta @ dcm - self._alpha
             inflated, total = _filter_kernel(
-                self._transition, z, *self._rows, state, covariance, *room
+                self._transition, z, *self._rows, state, covariance, *room, off
             )
             if repeat < PASSES - 1:
                 turned = theta_at(state, self._end, self._begin)[0]
@@ -152,7 +162,9 @@ class Refiner:
                     turned = turned - (turned @ held) * held
                 dcm = dcm @ to_dcm(exp(-turned))
         chi2 = total / (3.0 * self._used)
-        return Refined(dcm, state, covariance, self._last, inflated, chi2)
+        sums = np.add.reduceat(off, self._stretches)
+        lasting = float(np.sum(sums**2)) / (3.0 * self._used)
+        return Refined(dcm, state, covariance, self._last, inflated, chi2, lasting)
 
 
 def theta_at(state: FloatArray, reference: InertialRows, rows: InertialRows) -> FloatArray:
@@ -249,6 +261,7 @@ def _filter_kernel(  # type: ignore[no-untyped-def]
     s,
     y,
     h,
+    off,
 ):
     """Run over all rows; `x` and `p` are the prior and become the answer; the rest is room."""
     n = 22
@@ -335,6 +348,9 @@ def _filter_kernel(  # type: ignore[no-untyped-def]
             nis = y[0] * w0 + y[1] * w1 + y[2] * w2
             if attempt == 0:
                 squares += min(nis, INFLATE_FROM)
+                share = min(1.0, np.sqrt(INFLATE_FROM / nis)) if nis > 0.0 else 1.0
+                for i in range(3):
+                    off[k, i] = share * y[i] / np.sqrt(s[i, i])
             if attempt == 0 and nis > INFLATE_FROM:
                 inflated += 1
             else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,9 +11,13 @@ from sinstool.core.order_statistics import median
 from sinstool.core.streams import take_rows
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment import gate, preparation
-from sinstool.methods.alignment.accumulation import accumulate
+from sinstool.methods.alignment.accumulation import InertialRows, accumulate
 from sinstool.methods.alignment.covariance import worst_sigma
-from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes
+from sinstool.methods.alignment.inflight_types import (
+    AlignmentSettings,
+    GnssFixes,
+    ImuIncrements,
+)
 from sinstool.methods.alignment.pairs import window_rows
 from sinstool.methods.alignment.solution import (
     Course,
@@ -24,6 +28,7 @@ from sinstool.methods.alignment.solution import (
     solve,
 )
 from sinstool.methods.sensor_errors import LIKELY, SensorGrade
+from sinstool.methods.strapdown.followed_rates import followed_rates
 
 MANY_REJECTED = 0.2
 NEIGHBOURS = 5
@@ -138,7 +143,7 @@ def candidates(
         reasons.append(f"{where}: too short, or without fixes")
         return []
     rows = accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, inside.time_ns, origin)
-    rows = rows.at_antenna(settings.lever_arm_b)
+    rows = _swinging(rows, imu, origin).at_antenna(settings.lever_arm_b)
     motion = gate.dynamics(imu, settings.limits.smooth)
     restless = np.cumsum(~motion.within(settings.limits).all(axis=0), dtype=np.int64)
     sample = np.searchsorted(imu.time_ns, inside.time_ns)
@@ -169,6 +174,15 @@ def candidates(
         if candidate is not None:
             segments.append(candidate)
     return segments
+
+
+def _swinging(rows: InertialRows, imu: ImuIncrements, origin_ns: int) -> InertialRows:
+    """Rows with the rates that swing an antenna: as a receiver follows them."""
+    interval = np.diff(imu.time_ns, prepend=2 * imu.time_ns[0] - imu.time_ns[1]) * 1e-9
+    rates = followed_rates(imu.time_ns, interval, imu.delta_theta)
+    seconds = (imu.time_ns - origin_ns) * 1e-9
+    rate_b = np.column_stack([np.interp(rows.time_s, seconds, column) for column in rates.T])
+    return replace(rows, rate_b=rate_b)
 
 
 def _bounds(

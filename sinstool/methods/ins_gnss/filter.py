@@ -23,6 +23,7 @@ from sinstool.methods.ins_gnss.constraints import (
 from sinstool.methods.ins_gnss.loop import run
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import GYRO_AXES, LAND_VEHICLE, FilterKind
+from sinstool.methods.strapdown.followed_rates import followed_rates
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 from sinstool.methods.strapdown.velocity import Increments
 
@@ -250,7 +251,7 @@ class InsGnssFilter:
         ----------
         increments : Increments
             Compensated, biases not taken off. Updates follow each other, or leave gaps: see
-            ``Settings.max_gap``.
+            ``Settings.max_gap``. Without followed rates these are made of what is given here.
         gnss : GnssEpochs, optional
             In order of their stamps. Position, velocity or both; a height or a vertical
             velocity may be missing alone. Standard deviations where the receiver gives them.
@@ -272,6 +273,9 @@ class InsGnssFilter:
         interval = np.ascontiguousarray(increments.interval, dtype=np.float64)
         phi = np.ascontiguousarray(increments.rotation_vector, dtype=np.float64)
         dv = np.ascontiguousarray(increments.velocity_increment, dtype=np.float64)
+        followed = increments.followed_rate
+        if followed is None:
+            followed = followed_rates(time_ns, interval, phi)
         if phi.shape != (len(time_ns), 3) or dv.shape != phi.shape or interval.ndim != 1:
             raise ValueError(f"Expected shapes (n, 3), got {phi.shape} and {dv.shape}.")
         if np.any(np.diff(time_ns) <= 0) or not np.all(interval > 0.0):
@@ -319,6 +323,7 @@ class InsGnssFilter:
             interval,
             phi,
             dv,
+            np.ascontiguousarray(followed),
             _seconds(fix_ns, origin),
             fixes,
             masks,

@@ -43,7 +43,7 @@ BOUND_S, LEAST_LONG = (2.0, 20.0), 4.0
 BLOCK = 2**14
 
 
-def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
+def with_velocities(gnss: GnssEpochs, sigma_m: float, wander: float | None = None) -> GnssEpochs:
     """Epochs with velocities made from their positions.
 
     Parameters
@@ -52,6 +52,10 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
         By time.
     sigma_m : float
         Noise of a position from one fix to the next, m.
+    wander : float, optional
+        By how much a slowly varying error of positions has changed after a second, m. It makes
+        sigmas those for a filter that takes the noise of velocities to be white: those of half a
+        window are of the same fixes, and worth no more than one.
 
     Returns
     -------
@@ -79,6 +83,8 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float) -> GnssEpochs:
     for begin in range(0, n, BLOCK):
         here = np.arange(begin, min(begin + BLOCK, n))
         velocity[here], sigma[here], good[here] = _slopes(t, position, here, half, sigma_m)
+    if wander is not None:
+        sigma = np.sqrt(sigma**2 + _shared(t, half, sigma_m, wander))
     return replace(rows, velocity_n=velocity, sigma_velocity_n=sigma).rows(good)
 
 
@@ -222,6 +228,17 @@ def _half(seconds: np.ndarray, sigma_m: float) -> float:
     usual = float(median(np.diff(seconds)))
     half = 0.5 * np.cbrt(12.0 * sigma_m**2 * usual / TARGET**2)
     return float(max(np.clip(half, SHORTEST_S, LONGEST_S), 0.5 * LEAST * usual))
+
+
+def _shared(seconds: np.ndarray, half: float, sigma_m: float, wander: float) -> float:
+    """What neighbouring velocities have in common, as a variance of white noise of each, m^2/s^2.
+
+    Of the noise of positions all but their own part of it; and the mean of what a slowly varying
+    error changes by within half a window.
+    """
+    many = max(half / float(median(np.diff(seconds))), 1.0)
+    noise = 12.0 * sigma_m**2 / ((2.0 * many + 1.0) * (2.0 * half) ** 2)
+    return (many - 1.0) * noise + many * wander**2 / half
 
 
 def velocity_lag(gnss: GnssEpochs) -> Latency:

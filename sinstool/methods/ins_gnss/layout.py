@@ -113,6 +113,7 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("gain_count",),  # how many
     ("inputs", (3,)),  # sums of gain times K4 v_up
     ("rate", (3,)),  # angular rate and specific force of the latest update
+    ("swing", (3,)),  # the rate that swings the antenna, at its end
     ("force", (3,)),
     ("recent", (6,)),  # the same, means of the latest half second or so
     ("bridge", (6,)),  # the same, within an Imu gap

@@ -22,6 +22,7 @@ from sinstool.methods.ins_gnss.gnss import gnss_epoch
 from sinstool.methods.ins_gnss.layout import Memory, Model
 from sinstool.methods.ins_gnss.model import radii
 from sinstool.methods.ins_gnss.states import ATTITUDE, I_BARO, I_GYRO_AXES, POSITION, VELOCITY
+from sinstool.methods.strapdown.followed_rates import FOLLOWED_S
 from sinstool.methods.strapdown.navigation import (
     HEIGHT,
     LATITUDE,
@@ -52,6 +53,7 @@ def run(
     interval: FloatArray,
     phi: FloatArray,
     dv: FloatArray,
+    followed: FloatArray,
     fix_time: FloatArray,
     fixes: FloatArray,
     withheld: FloatArray,
@@ -82,6 +84,8 @@ def run(
         End of each update and its duration, s.
     phi, dv : ndarray, shape (n, 3)
         Rotation vectors, rad, and velocity increments, m/s.
+    followed : ndarray, shape (n, 3)
+        Rates that swing the antenna at the end of each update, rad/s.
     fix_time : ndarray, shape (f,)
         When GNSS epochs are valid, s, in order.
     fixes : ndarray, shape (f, 12)
@@ -131,6 +135,7 @@ def run(
             instants.begin_substep(m)
             for i in range(3):
                 m.rate[i] = phi[k, i] / dt
+                m.swing[i] = followed[k, i]
                 m.force[i] = dv[k, i] / dt
                 m.recent[i] = m.rate[i]
                 m.recent[3 + i] = m.force[i]
@@ -155,7 +160,6 @@ def run(
             instants.close_substep(m, model)
             m.in_gap = 1.0
             _motion_in_gap(m, gap, time, interval, phi, dv, k)
-        rate0, rate1, rate2 = m.rate[0], m.rate[1], m.rate[2]
 
         for bridge in range(bridges + 1):
             # Sensor errors off
@@ -273,13 +277,18 @@ def run(
                 moved[3] = (nav[V_NORTH] - vn0) * inverse
                 moved[4] = (nav[V_NORTH + 1] - ve0) * inverse
                 moved[5] = (nav[V_DOWN] - vd0) * inverse
-                # The rate as it changes from the middle of the update before to that of this one
-                moved[6] = (phi[k, 0] / dt - rate0) / dt if bridges == 0 else 0.0
-                moved[7] = (phi[k, 1] / dt - rate1) / dt if bridges == 0 else 0.0
-                moved[8] = (phi[k, 2] / dt - rate2) / dt if bridges == 0 else 0.0
-                m.rate[0] = rate_x + 0.5 * d * moved[6]
-                m.rate[1] = rate_y + 0.5 * d * moved[7]
-                m.rate[2] = rate_z + 0.5 * d * moved[8]
+                # The rate that swings the antenna as it changes over this update: what long ones
+                # have in the mean changes from the middle of the one before
+                smooth = dt > FOLLOWED_S
+                for i in range(3):
+                    before = m.rate[i] if smooth else m.swing[i]
+                    after = phi[k, i] / dt if smooth else followed[k, i]
+                    moved[6 + i] = (after - before) / dt if bridges == 0 else 0.0
+                m.rate[0], m.rate[1], m.rate[2] = rate_x, rate_y, rate_z
+                if bridge == bridges:
+                    for i in range(3):
+                        own = 0.5 * d * moved[6 + i] if smooth else followed[k, i] - phi[k, i] / dt
+                        m.rate[i] += own
                 while fix_next < len(fix_time) and fix_time[fix_next] <= now:
                     gnss_epoch(
                         m,
@@ -316,6 +325,7 @@ def run(
 
         for i in range(3):
             m.rate[i] = phi[k, i] / dt
+            m.swing[i] = followed[k, i]
             m.force[i] = dv[k, i] / dt
             m.recent[i] += dt / (dt + BESIDE) * (m.rate[i] - m.recent[i])
             m.recent[3 + i] += dt / (dt + BESIDE) * (m.force[i] - m.recent[3 + i])

@@ -19,13 +19,11 @@ from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.latency import inertial_velocity
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
 from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.strapdown.followed_rates import followed_rates
 from sinstool.methods.strapdown.velocity import Increments
 
 _UPDATES = 4096  # at a time, for what a filter stores of them
 _HALF_S = 0.06  # velocity changes are taken over so much to either side
-# A receiver follows its carrier with 10 to 25 Hz, and is blind to what an engine shakes (Kaplan and
-# Hegarty 2017, section 8.5): rates that swing the antenna are means over so much to either side.
-_SWING_S = 0.02
 _SETTLED_S = 20.0  # a filter's first innovations hold what is not linear in its start
 _MOST_OFF = 1e6  # an estimate astray by more for each s or m, in SI units, is of a filter gone wild
 _TOLERANCE_NS = 200
@@ -248,7 +246,10 @@ def _rows_of_fixes(
     k = np.minimum(np.searchsorted(updates.time_ns, valid_ns - _TOLERANCE_NS), len(seconds) - 1)
     last = np.maximum(k - 1, 0)
     ends = np.clip([at - _HALF_S, at + _HALF_S], seconds[0], seconds[-1])
-    followed = _mean_rates(updates.omega_ib_b, seconds, interval, at)
+    # An arm that is multiplied by a rate with all of the vibration is found too short
+    turned = updates.omega_ib_b * interval[:, None]
+    rates = followed_rates(updates.time_ns, interval, turned)
+    followed = np.column_stack([np.interp(at, seconds, column) for column in rates.T])
     # Only where it is asked for: updates are many more than what lies beside fixes
     after = np.searchsorted(seconds, np.concatenate([at, *ends]), side="right")
     # The first of all beside them, as a block may be without fixes
@@ -259,7 +260,7 @@ def _rows_of_fixes(
     c_nb = to_dcm(multiply(before[some], turn))
     arm = np.asarray(run.settings.lever_arm_b)
     # The rate times the arm, as a row
-    swing = np.einsum("kij,kj->ki", c_nb, rate @ skew(arm))
+    swing = np.einsum("kij,kj->ki", c_nb, rates[some] @ skew(arm))
     seconds, free, velocity_n = seconds[some], free[some] + swing, updates.velocity_n[some]
     k, last = np.searchsorted(some, k), np.searchsorted(some, last)
 
@@ -280,30 +281,3 @@ def _rows_of_fixes(
     d[:, :3, 1:] = -c_nb[k]
     d[:, 3:, 1:] = -c_nb[k] @ skew(followed)
     return h, d
-
-
-def _mean_rates(
-    rate: FloatArray, seconds: FloatArray, interval: FloatArray, at: FloatArray
-) -> FloatArray:
-    """Rates beside fixes as a receiver follows them, shape (k, 3), rad/s.
-
-    A rate at one instant holds all of the vibration, and an arm by which it is multiplied is found
-    too short: by the share of it that no receiver sees.
-
-    Parameters
-    ----------
-    rate : ndarray, shape (n, 3)
-    seconds, interval : ndarray, shape (n,)
-        End of each update and its duration, s.
-    at : ndarray, shape (k,)
-        When fixes are valid, s.
-    """
-    edges = np.concatenate([[seconds[0] - interval[0]], seconds])
-    turned = np.concatenate([np.zeros((1, 3)), np.cumsum(rate * interval[:, None], axis=0)])
-    half = min(_SWING_S, 0.5 * float(edges[-1] - edges[0]))
-    middle = np.clip(at, edges[0] + half, edges[-1] - half)
-
-    def until(when: FloatArray) -> FloatArray:
-        return np.column_stack([np.interp(when, edges, column) for column in turned.T])
-
-    return (until(middle + half) - until(middle - half)) / (2.0 * half)

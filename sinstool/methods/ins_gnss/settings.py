@@ -77,6 +77,11 @@ class GnssModel:
             velocity_markov=times(self.velocity_markov, velocity),
         )
 
+    @property
+    def position_wander(self) -> float:
+        """By how much the slow error of a horizontal axis has changed after a second, m."""
+        return max(self.position_markov[:2]) * float(np.sqrt(2.0 / self.position_time))
+
     def with_slow_position(self, level: float, vertical: float) -> GnssModel:
         """The same receiver, the slow part of whose positions is so many times as large.
 

@@ -79,6 +79,7 @@ def joined_updates(increments: Increments, below_s: float) -> Increments:
         np.add.reduceat(interval, first),
         turned,
         velocity,
+        None if increments.followed_rate is None else increments.followed_rate[last],
     )
 
 

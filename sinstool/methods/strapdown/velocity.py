@@ -62,6 +62,9 @@ class Increments:
         Of the body against inertial space, in ``b``, rad.
     velocity_increment : ndarray, shape (n, 3)
         Integral of the specific force in the body axes of the update's start, m/s.
+    followed_rate : ndarray, shape (n, 3), optional
+        Of the body at each update's end, as a receiver follows it, rad/s: see
+        :mod:`~sinstool.methods.strapdown.followed_rates`.
     """
 
     sample: IntArray
@@ -69,6 +72,7 @@ class Increments:
     interval: FloatArray
     rotation_vector: FloatArray
     velocity_increment: FloatArray
+    followed_rate: FloatArray | None = None
 
 
 class IncrementStage:

@@ -128,6 +128,7 @@ def align_moving(
         notes: tuple[str, ...],
         sigma: float = refuse_sigma,
         known: in_motion.Known | None = None,
+        around: bool = False,
     ) -> MotionAlignment:
         settings = _settings(config, errors, method, gate, at, begin, survey)
         return align_in_motion(
@@ -138,7 +139,7 @@ def align_moving(
             config.input.sample_kind,
             _interval_ns(source) / SECOND,
             fixes,
-            replace(settings, refuse_sigma=sigma, sample_s=sample_s),
+            replace(settings, refuse_sigma=sigma, sample_s=sample_s, around=around),
             bias,
             in_motion.spans(gate, begin, end, first, int(fixes.time_ns[-1])),
             UNKNOWN_BIAS if doubtful else None,
@@ -172,6 +173,12 @@ def align_moving(
             continue
         if made.good:
             return made
+    if moving is not None and not moving.good:
+        # What is slower than sensor errors allow for shows its heading beside them
+        with suppress(AlignmentError):
+            slow = begun(start, notes, around=True)
+            if slow.good:
+                return slow
     if moving is not None:
         return moving
     try:

@@ -170,8 +170,9 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         gnss = source.aiding.gnss
         if config.align.align == "auto" and gnss is not None and not gnss.has_velocity.any():
             # As the filter finds its start, which the plan has tried
-            noise = plan.filter_start.settings.gnss.position_white
-            gnss = with_velocities(gnss, float(max(noise[:2])))
+            model = plan.filter_start.settings.gnss
+            white = float(max(model.position_white[:2]))
+            gnss = with_velocities(gnss, white, model.position_wander)
         # No log shows whether a sample is a mean until its stamp, or a rate at it
         half = 0.0 if plan.gyro_samples.configured else 0.5 * source.survey.interval_ns / SECOND
         moving = align_moving(source, config, grade.grade, method, when, gnss, sample_s=half)

@@ -6,13 +6,15 @@ from functools import cache
 import numpy as np
 
 from sinstool.core import earth, rotation
+from sinstool.core.streams import concatenate, take_rows
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.height.network import HeightNetwork
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.settings import BARO_GRADES, BaroModel, GnssModel, Settings
 from sinstool.methods.sensor_errors import IMU_GRADES, SensorGrade
-from sinstool.methods.strapdown.velocity import Increments, IncrementStage
+from sinstool.methods.strapdown.followed_rates import with_followed
+from sinstool.methods.strapdown.velocity import IncrementStage
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
 from sinstool.simulation.sensors import barometer
@@ -46,8 +48,7 @@ def compensated(imu, gyro, accel):
         )
     )
     parts = [stage.push(gyro, accel, imu.time_ns), stage.finish()]
-    columns = Increments.__dataclass_fields__
-    return Increments(*(np.concatenate([getattr(p, c) for p in parts]) for c in columns))
+    return next(with_followed([(concatenate(parts), None)]))[0]
 
 
 class Flown:
@@ -127,7 +128,7 @@ class Flown:
         blocks = []
         fix = baro = 0
         for k in range(0, len(stated.interval), size):
-            part = Increments(*(c[k : k + size] for c in vars(stated).values()))
+            part = take_rows(stated, slice(k, k + size))
             # a little more than what has happened: the rest has to wait
             until = part.time_ns[-1] + 30_000_000
             to_fix = int(np.searchsorted(gnss.time_ns - latency, until))

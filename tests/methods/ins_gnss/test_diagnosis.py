@@ -9,6 +9,7 @@ import pytest
 
 from sinstool.core.finding import exit_status
 from sinstool.core.rotation import exp, multiply, normalise
+from sinstool.core.streams import concatenate
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.ins_gnss.diagnosis import _intervals, diagnose
@@ -17,7 +18,7 @@ from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity
 from sinstool.methods.ins_gnss.receiver_offsets import estimate_offsets, settle
 from sinstool.methods.ins_gnss.settings import DivergenceControl, GnssModel, Settings
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
-from sinstool.methods.strapdown.velocity import Increments, IncrementStage
+from sinstool.methods.strapdown.velocity import IncrementStage
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, GnssFaults, Jump, Receiver, gnss_samples
@@ -61,8 +62,7 @@ def increments(imu, gyro, accel):
         )
     )
     parts = [stage.push(gyro, accel, imu.time_ns), stage.finish()]
-    columns = Increments.__dataclass_fields__
-    return Increments(*(np.concatenate([getattr(p, c) for p in parts]) for c in columns))
+    return concatenate(parts)
 
 
 def examined(

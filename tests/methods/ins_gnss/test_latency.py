@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sinstool.core.rotation import exp, multiply
-from sinstool.core.streams import GnssEpochs
+from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -21,7 +21,7 @@ from sinstool.methods.ins_gnss.fix_velocity import (
 from sinstool.methods.ins_gnss.latency import correlate, inertial_velocity
 from sinstool.methods.ins_gnss.settings import DivergenceControl, GnssModel, Settings
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade
-from sinstool.methods.strapdown.velocity import Increments, IncrementStage
+from sinstool.methods.strapdown.velocity import IncrementStage
 from sinstool.simulation.drive import road_drive
 from sinstool.simulation.flight import manoeuvring_flight
 from sinstool.simulation.gnss import GnssErrors, Receiver, gnss_samples
@@ -55,8 +55,7 @@ def increments(imu):
         )
     )
     parts = [stage.push(imu.gyro_mean_rate, imu.mean_specific_force, imu.time_ns), stage.finish()]
-    columns = Increments.__dataclass_fields__
-    return Increments(*(np.concatenate([getattr(p, c) for p in parts]) for c in columns))
+    return concatenate(parts)
 
 
 class Scene:

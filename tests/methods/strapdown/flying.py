@@ -5,10 +5,11 @@ from scipy.integrate import solve_ivp
 
 from sinstool.core import earth, rotation
 from sinstool.core.earth import ecef
+from sinstool.core.streams import concatenate
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.navigation import initial_state
-from sinstool.methods.strapdown.velocity import Increments, IncrementStage
+from sinstool.methods.strapdown.velocity import IncrementStage
 from tests.methods.strapdown.navigator import Navigator
 
 EARTH_RATE_E = np.array([0.0, 0.0, earth.EARTH_RATE])
@@ -28,8 +29,7 @@ def samples(imu, kind):
 
 
 def joined(parts):
-    columns = Increments.__dataclass_fields__
-    return Increments(*(np.concatenate([getattr(p, c) for p in parts]) for c in columns))
+    return concatenate(parts)
 
 
 def increments(imu, name="previous-1", kind="mean-rate"):

@@ -18,6 +18,7 @@ from sinstool.methods.alignment.preparation import rough_fixes
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings, Start
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
+from sinstool.methods.strapdown.followed_rates import FOLLOWED_S
 from sinstool.pipelines.align.first_attitude import align, in_flight, with_bias_in_motion
 from sinstool.survey.grade import bias_at_rest
 from sinstool.survey.source import Source, rate_blocks
@@ -43,10 +44,12 @@ class StartFixes:
         """Of the fixes that the filter may use, with such noise."""
         if gnss.has_velocity.any():
             return cls(gnss, gnss)
-        gnss = with_velocities(gnss, float(max(model.position_white[:2])))
+        white = float(max(model.position_white[:2]))
+        shown = with_velocities(gnss, white, model.position_wander)
+        gnss = with_velocities(gnss, white)
         # Where speed changes quickly these are rough, and that is no fault of the receiver
-        sigma = np.sqrt(np.mean(np.square(gnss.sigma_velocity_n), axis=1))
-        return cls(gnss, gnss.rows(~rough_fixes(gnss.time_ns, sigma)))
+        sigma = np.sqrt(np.mean(np.square(shown.sigma_velocity_n), axis=1))
+        return cls(gnss, shown.rows(~rough_fixes(shown.time_ns, sigma)))
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ def find_start(
             covariance,
             fixes.gnss,
             settings,
-            omega_eb_b=sample.gyro[0] - alignment.gyro_bias,
+            omega_eb_b=_followed(source, config, int(sample.time_ns[0])) - alignment.gyro_bias,
             gyro_bias=alignment.gyro_bias,
             gyro_bias_sigma=bias_sigma,
         )
@@ -162,6 +165,17 @@ def _sample(source: Source, config: ProcessConfig, time_ns: int) -> Imu:
     for block in rate_blocks(source, config, time_ns):
         return block.rows(slice(0, 1))
     raise AlignmentError("GNSS begins after the last Imu sample", "check the clocks")
+
+
+def _followed(source: Source, config: ProcessConfig, time_ns: int) -> np.ndarray:
+    """Mean rate of the samples about one, shape (3,), rad/s: as a receiver follows its antenna."""
+    reach = round(FOLLOWED_S * SECOND)
+    rates = []
+    for block in rate_blocks(source, config, max(source.survey.first_ns, time_ns - reach)):
+        rates.append(block.gyro[np.abs(block.time_ns - time_ns) <= reach])
+        if block.time_ns[-1] > time_ns + reach:
+            break
+    return np.asarray(np.concatenate(rates).mean(axis=0))
 
 
 def _covariance(alignment: Alignment) -> np.ndarray:

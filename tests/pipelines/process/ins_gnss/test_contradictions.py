@@ -2,11 +2,14 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from sinstool.core.finding import Finding, Severity, exit_status
 from sinstool.pipelines.process.ins_gnss.contradictions import of_another_clock
 from tests.helpers.filter_logs import run, simulated
+from tests.helpers.unseen_drives import GRADES, drive, record, write
+from tests.helpers.unseen_errors import shaken
 
 
 @pytest.mark.parametrize(
@@ -57,3 +60,16 @@ def test_rejected_fixes_are_told_once(tmp_path):
     result, _ = run(log, navigation={"imu_grade": "navigation"}, align=wrong)
     kinds = [f["kind"] for f in result["findings"]]
     assert kinds.count("fixes-disbelieved") == 1 and "rejected-fixes" not in kinds
+
+
+@pytest.mark.parametrize(("seed", "rad_s"), [(1, 0.25), (4, 0.1)])
+def test_an_engine_that_shakes_the_gyros_is_no_noise_of_velocities(tmp_path, seed, rad_s):
+    """Times an arm of 2 m it was: status 3, as `velocities-do-not-fit`, without any fault."""
+    arm = np.array([1.5, 0.3, -1.5])
+    noise = {"gnss_rate": 5.0, "sigma": 0.02, "sigma_v": 0.03, "lever": arm}
+    data = record(drive(seed, 160.0), GRADES["tactical"], seed, **noise)
+    log = write(tmp_path / "log.mcap", shaken(data, seed, 0.5, rad_s))
+    given = {"gnss_latency": 0.0, "lever_arm": tuple(arm.tolist())}
+    result, _ = run(log, input={"gyro_kind": "mean-rate"}, gnss=given)
+    assert not [f["kind"] for f in result["findings"] if f["severity"] == "lost"]
+    assert result["filter"]["epochs_gated"] == 0

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from sinstool.core.finding import exit_status
-from tests.helpers.filter_logs import start_of
+from sinstool.core.rotation import to_dcm
+from sinstool.core.units import DEGREE
+from tests.helpers.filter_logs import first_start_of, start_of
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
     GRADES,
@@ -15,10 +17,11 @@ from tests.helpers.unseen_drives import (
     without_samples,
     write,
 )
-from tests.helpers.unseen_errors import slower
-from tests.helpers.unseen_vehicles import helicopter, tractor
+from tests.helpers.unseen_errors import any_mount, slower, turned
+from tests.helpers.unseen_vehicles import helicopter, robot, tractor
 from tests.pipelines.process.ins_gnss.test_doubtful_logs import navigated
 
+ON_A_MAST = np.array([-0.15, 0.2, -0.4])
 CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 
 
@@ -79,3 +82,31 @@ def test_a_start_at_rest_is_not_put_off_for_want_of_a_sample_at_a_fix(tmp_path):
     log = write(tmp_path / "log.mcap", data)
     begun = start_of(log, input={"gyro_kind": "mean-rate"}, gnss={"gnss_latency": 0.0})
     assert begun.time_ns - T0 < 3 * 10**9
+
+
+def heading_off(log, truth):
+    """By how much the heading of a log's first start is off, rad, and its sigma."""
+    begun, _ = first_start_of(log, navigation={"mode": "ins-gnss"})
+    start = begun.start
+    k = int(np.searchsorted(truth.seconds, (begun.time_ns - T0) / 1e9 - 1e-6))
+    off = truth.c_nb[k] @ to_dcm(start.nav[None, 6:10])[0].T
+    sigma = float(np.sqrt(start.covariance_attitude_n[2, 2]))
+    return float(np.arctan2(off[1, 0] - off[0, 1], off[0, 0] + off[1, 1])), sigma
+
+
+# How often a second fixes come, and the noise of their velocities, m/s, if they have any
+@pytest.mark.parametrize("rate, sigma_v", [(1.0, None), (1.0, 0.05), (5.0, None), (10.0, 0.03)])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_slow_robot_with_fixes_of_a_centimetre_shows_its_heading(tmp_path, rate, sigma_v, seed):
+    """However its Imu is mounted, and whether it goes forwards or backwards: all were refused.
+
+    Its few changes of velocity are worth less than the sensors' errors, until these are estimated
+    with the heading.
+    """
+    random = np.random.default_rng([seed, 31])
+    truth = turned(robot(seed), any_mount(random))
+    data = record(
+        truth, CONSUMER, seed, gnss_rate=rate, sigma=0.01, sigma_v=sigma_v, lever=ON_A_MAST
+    )
+    off, sigma = heading_off(write(tmp_path / "log.mcap", data), truth)
+    assert sigma < 11.0 * DEGREE and abs(off) < 2.5 * sigma

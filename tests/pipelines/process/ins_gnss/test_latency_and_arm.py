@@ -422,7 +422,7 @@ def test_an_antenna_on_a_vehicle_that_an_engine_shakes_is_where_it_is(tmp_path, 
     first, motion = first_start_of(log, input=KIND, gnss=given(0.1))
     shown = estimate_offsets(first.start, first.settings, [motion], first.used)
     assert np.all(np.abs(shown.arm_off_b) < 3.0 * shown.arm_off_sigma_b)
-    assert not shown.arm_contradicts and shown.sigma_s < 0.005
+    assert not shown.arm_contradicts and shown.sigma_s < 0.006
 
 
 @pytest.mark.parametrize(

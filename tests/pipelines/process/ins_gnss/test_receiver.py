@@ -137,6 +137,23 @@ def test_velocities_from_positions(noise):
         assert 0.5 < np.sqrt(np.mean(ratio**2)) < 1.5
 
 
+def test_velocities_that_share_their_fixes_are_worth_less_together():
+    gnss = epochs(noise=0.3)
+    alone = with_velocities(gnss, 0.3).sigma_velocity_n[20:-20, 2]
+    many = fix_velocity._half(seconds_of(gnss), 0.3) / np.median(np.diff(seconds_of(gnss)))
+    together = with_velocities(gnss, 0.3, 0.0).sigma_velocity_n[20:-20, 2]
+    assert np.median(together / alone) == pytest.approx(np.sqrt(many), rel=0.15)
+    # What a slow error changes by in a second, over half a window, and lasts as long
+    wandering = with_velocities(gnss, 0.3, 0.2).sigma_velocity_n[20:-20, 2]
+    more = np.sqrt(np.median(wandering**2 - together**2))
+    interval = np.median(np.diff(seconds_of(gnss)))
+    assert more == pytest.approx(0.2 / np.sqrt(interval), rel=0.1)
+
+
+def seconds_of(gnss):
+    return (gnss.time_ns - gnss.time_ns[0]) * 1e-9
+
+
 def test_too_few_fixes_make_no_velocity():
     assert len(with_velocities(epochs(n=4), 1.0)) == 0
     gnss = epochs(n=30)
