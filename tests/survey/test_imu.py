@@ -285,11 +285,9 @@ def test_a_log_that_begins_at_the_end_of_a_range(tmp_path, seed, sign):
     limit = 0.6 * np.abs(gyro[:, 1]).max()
     crooked = np.eye(3) + 4e-3 * np.random.default_rng(seed).standard_normal((3, 3))
     clipped = np.column_stack([gyro[:, 0], np.clip(gyro[:, 1], -limit, limit), gyro[:, 2]])
-    first = np.flatnonzero(sign * clipped[:, 1] == limit)[0]
-    rows = slice(first, None)
-    s = look(
-        imu_log(tmp_path / "a.mcap", even_times(4000)[rows], clipped[rows] @ crooked.T, accel[rows])
-    )
+    rows = slice(np.flatnonzero(clipped[:, 1] == limit)[0], None)
+    turned = sign * clipped[rows] @ crooked.T
+    s = look(imu_log(tmp_path / "a.mcap", even_times(4000)[rows], turned, accel[rows]))
     np.testing.assert_allclose(s.gyro_stops[:, 1], 0.98 * limit, rtol=0.02)
 
 
