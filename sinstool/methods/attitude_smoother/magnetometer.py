@@ -47,7 +47,7 @@ RUN, MARGIN = 2, 5  # epochs
 ONE_SIGMA = 0.683
 # Refused: less trusted than this share or time, more scattered, or steeper than this. Of fields in
 # axes that are not the Imu's, too, some 30 % lie about the densest.
-LEAST_TRUSTED, LEAST_EPOCHS = 1.0/3.0, 50
+LEAST_TRUSTED, LEAST_EPOCHS = 1.0 / 3.0, 50
 MOST_SCATTER, STEEPEST = 10.0 * DEGREE, 80.0 * DEGREE
 # A straight drift of the gyros over this is no scatter, s.
 DRIFT_S = 180.0
