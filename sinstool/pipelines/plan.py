@@ -30,7 +30,7 @@ from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import measured_noise, random_walks, sensor_grade, walk_in
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
 from sinstool.survey.needs import has_gnss
-from sinstool.survey.oddities import usual_force
+from sinstool.survey.oddities import steady_force, usual_force
 from sinstool.survey.source import Source
 
 if TYPE_CHECKING:
@@ -335,11 +335,15 @@ def _without_gravity(source: Source) -> bool:
     """Whether the specific force is not gravity and what accelerations of a vehicle add to it.
 
     Of a size between a half and two g it may be that of one that circles, or of sensors with a
-    wrong scale, which still show where gravity points.
+    wrong scale, which still show where gravity points. What varies, as that of a foot that runs,
+    may be larger by as much as it varies: over some seconds, in axes that do not turn, its mean is
+    gravity all the same.
     """
     kinds = {odd.kind for odd in source.findings}
     if "gravity-size" in kinds:
-        return not 0.5 < usual_force(source.survey) / STANDARD_GRAVITY < 2.0
+        return usual_force(source.survey) <= 0.5 * STANDARD_GRAVITY or (
+            steady_force(source.survey) >= 2.0 * STANDARD_GRAVITY
+        )
     return "no-gravity" in kinds
 
 

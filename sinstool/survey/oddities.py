@@ -174,6 +174,12 @@ def usual_force(s: Survey) -> float:
     return float(median(np.linalg.norm(s.windows.accel, axis=1)))
 
 
+def steady_force(s: Survey) -> float:
+    """Size of the specific force less what it varies by in half a second, m/s^2: the median."""
+    windows = s.windows
+    return float(median(np.linalg.norm(windows.accel, axis=1) - windows.accel_std))
+
+
 def _odd_size(s: Survey) -> bool:
     """Whether the specific force is not of gravity's size.
 

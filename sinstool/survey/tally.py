@@ -190,7 +190,7 @@ def _crowd(value, before, of):  # type: ignore[no-untyped-def]
         of[1] += 1.0
         if before >= CROWD * of[0]:
             of[5] += abs(value - before)
-        else:
+        elif before < CROWD * of[0]:  # nothing is before the first sample of a log
             of[3] += 1.0
             of[4] += value - before
     elif value >= BELOW_CROWD * of[0] > 0.0:

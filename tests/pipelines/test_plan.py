@@ -153,3 +153,16 @@ def test_what_may_circle_is_smoothed(tmp_path, size, expected):
     accel = np.array([0.0, 0.0, size]) + random.standard_normal((1500, 3))
     log = imu_log(tmp_path / "log.mcap", even_times(1500, 100.0), gyro, accel)
     assert plan_of(log, ProcessConfig()).attitude.value == expected
+
+
+@pytest.mark.parametrize(("strides_m_s2", "expected"), [(3.0, "inertial"), (40.0, "smoothed")])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_swings_may_feel_more_than_gravity(tmp_path, seed, strides_m_s2, expected):
+    """A running foot does all the time, in its own axes, and not evenly."""
+    random = np.random.default_rng(seed)
+    gyro = 0.05 * random.standard_normal((1500, 3))
+    stride = np.sin(2.0 * np.pi * random.uniform(1.2, 3.0) * 0.01 * np.arange(1500))
+    accel = np.outer(strides_m_s2 * stride, [1.0, 0.0, 0.0]) + [0.0, 0.0, 27.0]
+    accel += random.standard_normal((1500, 3))
+    log = imu_log(tmp_path / "log.mcap", even_times(1500, 100.0), gyro, accel)
+    assert plan_of(log, ProcessConfig()).attitude.value == expected

@@ -278,6 +278,19 @@ def test_the_end_of_a_range_behind_a_calibration(tmp_path, seed):
     assert np.isinf(look(imu_log(tmp_path / "c.mcap", times, sine, accel)).gyro_stops).all()
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_log_that_begins_at_the_end_of_a_range(tmp_path, seed, sign):
+    gyro, accel, _ = handheld(4000)
+    limit = 0.6 * np.abs(gyro[:, 1]).max()
+    crooked = np.eye(3) + 4e-3 * np.random.default_rng(seed).standard_normal((3, 3))
+    clipped = np.column_stack([gyro[:, 0], np.clip(gyro[:, 1], -limit, limit), gyro[:, 2]])
+    rows = slice(np.flatnonzero(clipped[:, 1] == limit)[0], None)
+    turned = sign * clipped[rows] @ crooked.T
+    s = look(imu_log(tmp_path / "a.mcap", even_times(4000)[rows], turned, accel[rows]))
+    np.testing.assert_allclose(s.gyro_stops[:, 1], 0.98 * limit, rtol=0.02)
+
+
 @pytest.mark.parametrize("more", [-1.0, 1.0])
 def test_saturation_of_integers(tmp_path, more):
     """A range of integers goes a step farther down than up, and most stops may be at either end."""

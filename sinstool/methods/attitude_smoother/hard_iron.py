@@ -14,16 +14,21 @@ PRIOR = 0.1
 # Residuals of epochs hang together for seconds: a fifth of a second tells less than it seems.
 CORRELATION = 25.0
 # What does not average out, as a share of the field's size: errors of the attitude (a quarter of a
-# degree) and gradients of the field that go with how the body turns.
+# degree).
 TOGETHER = 0.005
+# A field that changes from place to place goes with how the body turns, so what it leaves does not
+# average out either. Of its variance a ninth per axis looks like iron where the body turns about
+# all axes (3 of the 27 numbers by which three axes of it go with the nine of the attitude), and a
+# half where it turns about one. White noise is not in it, nor is what is of another field, as a
+# share of the field's size.
+LIKE_IRON, OTHER_FIELD = 0.25, 0.1
 # Residuals below this share of the field's size all count alike.
 LEAST_RESIDUAL = 0.005
-# An offset is taken off from so many sigmas and this share of the field on. What is smaller may be
-# the gradient of the field in a room, and taking that off makes headings worse.
-SIGNIFICANT, LARGE = 3.0, 0.15
-# An offset across the horizontal field that is known no better than this share of the field's size
-# was not seen.
-UNSEEN = 0.05
+# An offset is taken off from so many sigmas on.
+SIGNIFICANT = 3.0
+# An offset across the horizontal field that is known no better than this share of the Earth's was
+# not seen: a usual one, of 0.3 of it, would not be three sigma.
+UNSEEN = 0.1
 
 
 @dataclass(frozen=True)
@@ -38,9 +43,9 @@ class HardIron:
         Of its part across the horizontal field, which is what turns a heading, T: the root mean
         square over the attitudes of the log.
     size : float
-        Median size of the measured field, T.
+        Median size of the measured field, less the offset if that is taken off, T.
     applied : bool
-        It is large and significant enough to be taken off.
+        It is significant enough to be taken off.
     """
 
     offset: FloatArray
@@ -105,13 +110,17 @@ def find_hard_iron(field: FloatArray, attitude: FloatArray, piece: np.ndarray) -
         weight = (9.0 * variance / (9.0 * variance + square)) ** 2
     covariance = CORRELATION * np.linalg.inv(information / variance + prior)
     spread = information / weight.sum()
-    covariance += np.linalg.inv(spread / (TOGETHER * size) ** 2 + np.eye(3) / size**2)
+    residual[square > (OTHER_FIELD * size) ** 2] = 0.0
+    hanging = np.einsum("nk,nk->", residual[1:], residual[:-1]) / (3.0 * len(residual))
+    lasting = (TOGETHER * size) ** 2 + LIKE_IRON * max(hanging, 0.0)
+    covariance += np.linalg.inv(spread / lasting + np.eye(3) / size**2)
     # across the mean horizontal field, in body axes
     level = field[:, :2] - np.einsum("nij,j->ni", attitude[:, :2], offset)
     level /= np.maximum(np.linalg.norm(level, axis=1), 1e-3 * size)[:, None]
     across = level[:, :1] * attitude[:, 1] - level[:, 1:] * attitude[:, 0]
     sigma = np.sqrt(np.einsum("ni,ij,nj->n", across, covariance, across).mean())
-    length = float(np.linalg.norm(offset))
     distance = float(offset @ np.linalg.solve(covariance, offset))
-    applied = length > LARGE * size and distance > SIGNIFICANT**2
+    applied = distance > SIGNIFICANT**2
+    if applied:
+        size = float(np.median(np.linalg.norm(field - attitude @ offset, axis=1)))
     return HardIron(offset, float(sigma), size, applied)

@@ -45,8 +45,9 @@ SIZE_WITHIN, DIP_WITHIN = 0.1, 8.0 * DEGREE
 RUN, MARGIN = 2, 5  # epochs
 # Share of a normal distribution within a sigma
 ONE_SIGMA = 0.683
-# Refused: less trusted than this share or time, more scattered, or steeper than this.
-LEAST_TRUSTED, LEAST_EPOCHS = 0.2, 50
+# Refused: less trusted than this share or time, more scattered, or steeper than this. Of fields in
+# axes that are not the Imu's, too, some 30 % lie about the densest.
+LEAST_TRUSTED, LEAST_EPOCHS = 1.0 / 3.0, 50
 MOST_SCATTER, STEEPEST = 10.0 * DEGREE, 80.0 * DEGREE
 # A straight drift of the gyros over this is no scatter, s.
 DRIFT_S = 180.0
@@ -191,9 +192,9 @@ def find_north(
     first = heading[good][:FIRST]
     middle = np.angle(np.exp(1j * first).mean())
     start = float(middle + np.median(wrapped(first - middle)))
-    left = np.hypot(LEFT * size, iron.sigma if iron.applied else 0.0)
-    unseen = 0.0 if iron.seen and of_place else UNSEEN_IRON * size
-    variance = (left**2 + unseen**2) / (size * np.cos(dip)) ** 2
+    unseen = UNSEEN_IRON * size
+    left = np.hypot(LEFT * size, iron.sigma if iron.seen and of_place else unseen)
+    variance = left**2 / (size * np.cos(dip)) ** 2
     return replace(compass, north=North(rows, start, float(variance)))
 
 

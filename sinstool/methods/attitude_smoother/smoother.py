@@ -11,8 +11,9 @@ from sinstool.core.arrays import FloatArray
 from sinstool.core.order_statistics import median
 from sinstool.core.rotation import conjugate, exp, from_dcm, log, multiply, to_dcm
 from sinstool.methods.attitude_smoother import kernels, state
+from sinstool.methods.attitude_smoother.constant_errors import felt, lag, turned_wrongly
 from sinstool.methods.attitude_smoother.correction import Correction
-from sinstool.methods.attitude_smoother.epochs import ACCEL, GYRO, JB, Epochs, merged
+from sinstool.methods.attitude_smoother.epochs import ACCEL, Epochs, merged
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.heading_update import NO_FIELD
 from sinstool.methods.attitude_smoother.magnetometer import North
@@ -133,8 +134,9 @@ def smooth(
             max(sensors.accel_bias, poor), _gravity_shown(epochs, smoothed), prior.gravity
         )
         attitude[:, [0, 1], [0, 1]] += (sigma / GRAVITY) ** 2
+    attitude[:, [0, 1], [0, 1]] += lag(epochs, smoothed, attitude, sensors)[:, None]
     if north is None:
-        attitude[:, 2, 2] += prior.heading**2 + _turned_wrongly(epochs, smoothed, sensors)
+        attitude[:, 2, 2] += prior.heading**2 + turned_wrongly(felt(epochs, smoothed, 2), sensors)
     else:
         attitude[:, 2, 2] += north.variance
     _bounded(attitude)
@@ -162,23 +164,6 @@ def _bounded(covariance_n: FloatArray) -> None:
     covariance_n[astray] = UNKNOWN_ANGLE**2 * np.eye(3)
     share = np.minimum(1.0, UNKNOWN_ANGLE / np.sqrt(np.einsum("nii->ni", covariance_n)))
     covariance_n *= share[:, :, None] * share[:, None, :]
-
-
-def _turned_wrongly(epochs: Epochs, smoothed: FloatArray, sensors: SensorModel) -> FloatArray:
-    """Variance of heading since the start for gyros whose scale and axes are constantly off, rad^2.
-
-    What the i-th gyro feels of the j-th axis adds up over the log, and goes again where the body
-    turns back. Gravity shows none of it.
-    """
-    rows = epochs.values
-    turned = rows[:, JB : JB + 9].reshape(-1, 3, 3)
-    vertical = np.einsum("ni,nij->nj", smoothed[:-1, 6:9], turned)
-    vertical[epochs.gap] = 0.0
-    rate = rows[:, GYRO : GYRO + 3] - smoothed[:-1, state.B : state.B + 3]
-    felt = np.cumsum(vertical[:, :, None] * rate[:, None, :], axis=0)
-    sigma = np.full((3, 3), sensors.gyro_misalignment)
-    sigma[np.diag_indices(3)] = sensors.gyro_scale
-    return np.concatenate([[0.0], np.einsum("nij,ij->n", felt**2, sigma**2)])
 
 
 def _turns(q: FloatArray) -> FloatArray:

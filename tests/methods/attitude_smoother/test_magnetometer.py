@@ -72,6 +72,28 @@ def test_where_there_is_no_iron_none_is_taken_off(seed, gradient):
     assert not find_hard_iron(field, attitude, np.arange(n) // 150).applied
 
 
+@pytest.mark.parametrize("range_rad", [(1.0, 1.0, 1.0), (0.3, 0.3, 1.5)])
+@pytest.mark.parametrize("size", [1e-6, 4e-6])
+def test_a_field_that_changes_where_a_sensor_swings_is_in_the_sigma_of_iron(range_rad, size):
+    """About a joint beside a magnet, what it passes of the magnet's field looks like iron."""
+    squares = []
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        _, q = turning(120.0, rng)
+        attitude = to_dcm(from_euler(0.6 * np.array(range_rad) * to_euler(q[::10])))
+        gradient = rng.standard_normal((3, 3))
+        gradient += gradient.T
+        gradient -= np.eye(3) * np.trace(gradient) / 3.0
+        gradient *= size / np.linalg.norm(gradient)
+        field = earth(66.0) + attitude @ rng.standard_normal(3) @ gradient
+        field += 2e-7 * rng.standard_normal(field.shape)
+        found = find_hard_iron(field, attitude, np.arange(len(field)) // 150)
+        across = (attitude @ found.offset)[:, 1]
+        squares.append(np.mean(across**2) / found.sigma**2)
+    assert 0.05 < np.mean(squares) < 2.5
+    assert max(squares) < 12.0
+
+
 def test_an_iron_is_found_in_a_log_of_many_hours():
     rng = np.random.default_rng(2)
     made = run(2, seconds=60.0)
@@ -119,6 +141,31 @@ def test_a_vehicle_that_keeps_level_shows_the_iron_that_turns_its_heading():
     assert np.abs(found.hard_iron.offset[:2] - [12e-6, -9e-6]).max() < 0.02 * SIZE
     error, _ = made.heading_errors(made.smoothed(found))
     assert np.abs(error).max() < 3.0 * DEGREE
+
+
+@pytest.mark.parametrize("tilts", [False, True])
+@pytest.mark.parametrize("size", [1e-6, 2e-6, 4e-6])
+def test_a_small_iron_is_taken_off_or_in_the_sigma_of_heading(tilts, size):
+    squares = []
+    for seed in range(12):
+        iron = (size, -size, 0.5 * size)
+        made = run(40 + seed, seconds=90.0, field=earth(69.0), iron=iron, tilts=tilts)
+        found = made.compass()
+        assert found.verified
+        error, sigma = made.heading_errors(made.smoothed(found))
+        squares.append(np.mean((error / sigma) ** 2))
+    assert np.mean(squares) < 1.0
+
+
+def test_axes_of_a_body_that_turns_little_are_seldom_taken_for_the_imus():
+    """Of fields in other axes, too, a part lies close together in size and dip."""
+    taken = 0
+    for seed in range(48):
+        dip = np.random.default_rng(seed).uniform(-60.0, 60.0)
+        turned = [[[0, 1, 0], [1, 0, 0], [0, 0, -1]], np.diag([1.0, 1.0, -1.0])][seed % 2]
+        made = run(seed, 60.0, earth(dip), size=0.35, body_of_field=lambda f, m=turned: f @ m)
+        taken += made.compass().north is not None
+    assert taken <= 1
 
 
 @pytest.mark.parametrize("dip", [-60.0, 0.0, 69.0])
