@@ -162,7 +162,7 @@ def test_what_swings_may_feel_more_than_gravity(tmp_path, seed, strides_m_s2, ex
     random = np.random.default_rng(seed)
     gyro = 0.05 * random.standard_normal((1500, 3))
     stride = np.sin(2.0 * np.pi * random.uniform(1.2, 3.0) * 0.01 * np.arange(1500))
-    accel = np.outer(strides_m_s2 * stride, [1.0, 0.0, 0.0]) + [0.0, 0.0, 27.0]
+    accel = np.outer(strides_m_s2 * stride, [1.0, 0.0, 0.0]) + np.array([0.0, 0.0, 27.0])
     accel += random.standard_normal((1500, 3))
     log = imu_log(tmp_path / "log.mcap", even_times(1500, 100.0), gyro, accel)
     assert plan_of(log, ProcessConfig()).attitude.value == expected
