@@ -29,9 +29,9 @@ LONGEST_NS = 3600 * SECOND
 # Beside the noise of a fix, a latency matters if what is not known of it, with the rate of a clock,
 # is worth so much at usual speed.
 MATTERS = 0.15
-# The rate of a clock is sought so often in each of such shares of a log: errors of a filter are not
-# linear in those of its fixes.
-ROUNDS, SHARES = 6, (0.25, 0.5, 1.0)
+# The rate of a clock is sought so often, in each of such shares of a log where it changes latency by
+# more than so much, s: errors of a filter are not linear in those of its fixes.
+ROUNDS, SHARES, FAR_S = 6, (0.25, 0.5, 1.0), 0.1
 
 
 @dataclass(frozen=True)
@@ -129,14 +129,16 @@ def _clock(about: Callable[[ClockRate, float], ReceiverOffsets | None]) -> Clock
     if shown is None or not shown.clock.hinted:
         return STEADY
     clock = STEADY
-    for share in SHARES:
+    far = abs(shown.clock.rate) * shown.clock.span_s > FAR_S
+    for share in SHARES if far else SHARES[-1:]:
         for _ in range(ROUNDS):
             shown = about(clock, share)
             if shown is None:
                 return STEADY
+            # The last is no more than chance may make, but says how well the sum is known
+            clock = clock.plus(shown.clock)
             if not shown.clock.hinted:
                 break
-            clock = clock.plus(shown.clock)
     return clock if clock.shown else STEADY
 
 
