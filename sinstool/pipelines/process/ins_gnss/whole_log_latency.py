@@ -29,7 +29,7 @@ LONGEST_NS = 3600 * SECOND
 # Beside the noise of a fix, a latency matters if what is not known of it, with the rate of a clock,
 # is worth so much at usual speed.
 MATTERS = 0.15
-# The rate of a clock is sought so often, in each of such shares of a log where it changes latency by
+# The rate of a clock is sought so often, in each of such shares of a log if it changes latency by
 # more than so much, s: errors of a filter are not linear in those of its fixes.
 ROUNDS, SHARES, FAR_S = 6, (0.25, 0.5, 1.0), 0.1
 
