@@ -26,8 +26,19 @@ from sinstool.methods.strapdown.velocity import Increments
 # Over so much to either side the rates are means, s; so far away no update counts, ns.
 FOLLOWED_S = 0.05
 _BEYOND_NS = 200_000_000
+# Updates are as long as another whose lengths differ by less than so much of them.
+LIKE = 1e-6
 
 T = TypeVar("T")
+
+
+def _integral(u):  # type: ignore[no-untyped-def]
+    """Integral of (1 - 3 u^2) (1 - u^2)^2 from 0; of arrays, too."""
+    square = u * u
+    return u * (1.0 - square * (5.0 / 3.0 - square * (1.4 - square * 3.0 / 7.0)))
+
+
+_until = part()(_integral)
 
 
 def followed_rates(
@@ -51,14 +62,19 @@ def followed_rates(
     """
     first, last, _ = rows.indices(len(time_ns))
     out = np.empty((last - first, 3))
-    _followed(
-        np.ascontiguousarray(time_ns),
-        np.ascontiguousarray(interval),
-        np.ascontiguousarray(rotation_vector),
-        first,
-        FOLLOWED_S,
-        out,
-    )
+    if len(out):
+        # Nearly all updates are as long as one, for which weights are known beforehand
+        usual = float(interval[first])
+        edges = np.minimum(np.arange(int(FOLLOWED_S / usual) + 2) * (usual / FOLLOWED_S), 1.0)
+        _followed(
+            np.ascontiguousarray(time_ns),
+            np.ascontiguousarray(interval),
+            np.ascontiguousarray(rotation_vector),
+            first,
+            usual,
+            np.diff(_integral(edges)),
+            out,
+        )
     return out
 
 
@@ -108,34 +124,44 @@ def _followed(
     interval: FloatArray,
     turned: FloatArray,
     first: int,
-    most: float,
+    usual: float,
+    known: FloatArray,
     out: FloatArray,
 ) -> None:
-    """Set means of turns over their time, about the ends of updates from the first asked for on."""
+    """Set means of turns over their time, about the ends of updates from the first asked for on.
+
+    Parameters
+    ----------
+    usual : float
+        An interval, s.
+    known : ndarray
+        Weights of updates that are that long, from the middle on.
+    """
     for i in range(len(out)):
         k = first + i
-        weight, away, j = 0.0, 0.0, k
-        for axis in range(3):
-            out[i, axis] = 0.0
-        while True:
-            share = _within(away / most, (away + interval[j]) / most)
-            for axis in range(3):
-                out[i, axis] += share * turned[j, axis] / interval[j]
-            weight += share
-            away += interval[j]
-            if away >= most or j == 0 or _apart(time_ns, interval, j):
-                break
-            j -= 1
-        away, j = 0.0, k + 1
-        while away < most and j < len(time_ns) and not _apart(time_ns, interval, j):
-            share = _within(away / most, (away + interval[j]) / most)
-            for axis in range(3):
-                out[i, axis] += share * turned[j, axis] / interval[j]
-            weight += share
-            away += interval[j]
-            j += 1
-        for axis in range(3):
-            out[i, axis] /= weight
+        x, y, z, weight = 0.0, 0.0, 0.0, 0.0
+        for way in (-1, 1):
+            away, even, many = 0.0, True, 0
+            j = k if way < 0 else k + 1
+            while away < FOLLOWED_S and 0 <= j < len(time_ns):
+                if way > 0 and _apart(time_ns, interval, j):
+                    break
+                even = even and abs(interval[j] - usual) < LIKE * usual
+                if even:
+                    share = known[many]
+                else:
+                    share = _within(away / FOLLOWED_S, (away + interval[j]) / FOLLOWED_S)
+                of = share / interval[j]
+                x += of * turned[j, 0]
+                y += of * turned[j, 1]
+                z += of * turned[j, 2]
+                weight += share
+                away += interval[j]
+                many += 1
+                if way < 0 and (j == 0 or _apart(time_ns, interval, j)):
+                    break
+                j += way
+        out[i, 0], out[i, 1], out[i, 2] = x / weight, y / weight, z / weight
 
 
 @part()
@@ -148,10 +174,3 @@ def _apart(time_ns: IntArray, interval: FloatArray, k: int) -> bool:
 def _within(near: float, far: float) -> float:
     """Weight between two distances from the middle, of half a window each."""
     return _until(min(far, 1.0)) - _until(near)
-
-
-@part()
-def _until(u: float) -> float:
-    """Integral of (1 - 3 u^2) (1 - u^2)^2 from 0."""
-    square = u * u
-    return u * (1.0 - square * (5.0 / 3.0 - square * (1.4 - square * 3.0 / 7.0)))

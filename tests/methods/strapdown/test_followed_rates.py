@@ -1,5 +1,7 @@
 """Rates as a receiver follows them: without vibration, and whatever blocks they come in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -45,6 +47,14 @@ def test_of_slow_samples_it_is_the_mean_of_both_beside():
     rate = made.rotation_vector / made.interval[:, None]
     np.testing.assert_allclose(followed(made)[:-1], 0.5 * (rate[1:] + rate[:-1]), rtol=1e-12)
     np.testing.assert_allclose(followed(made)[-1], rate[-1], rtol=1e-12)
+
+
+def test_weights_are_those_of_updates_of_any_length():
+    """Updates that are alike have theirs from a table."""
+    made = updates(200.0, lambda t: np.sin(20.0 * t))
+    uneven = replace(made, interval=made.interval * np.where(np.arange(len(made.time_ns)), 1, 1.01))
+    inner = slice(20, -20)
+    np.testing.assert_allclose(followed(made)[inner], followed(uneven)[inner], rtol=1e-9)
 
 
 def test_nothing_is_taken_from_beyond_a_gap():
