@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from sinstool.config import InputOptions
+from sinstool.core.arrays import BoolArray
 from sinstool.core.errors import AlignmentError, DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Encoder, Imu
@@ -33,6 +34,7 @@ from sinstool.methods.hse.segments import (
     find_segments,
     turn_statistics,
 )
+from sinstool.methods.hse.time_grid import LONGEST_FILLED_S, filled
 from sinstool.survey.imu import within
 from sinstool.survey.source import imu_units, time_span
 
@@ -96,7 +98,9 @@ class RigLog:
     Attributes
     ----------
     imu : Imu
-        Raw: axes of the log, rad/s and m/s^2.
+        Raw: axes of the log, rad/s and m/s^2; with short gaps filled.
+    made : ndarray of bool, shape (n,)
+        Samples that are not in the log: see :func:`~sinstool.methods.hse.time_grid.filled`.
     encoder : Encoder
         Readings in the unit of the log.
     """
@@ -104,6 +108,7 @@ class RigLog:
     log: Log
     topic: ImuTopic
     imu: Imu
+    made: BoolArray
     encoder: Encoder
     imu_counts: MessageCounts
     encoder_counts: MessageCounts
@@ -115,8 +120,19 @@ class RigLog:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Messages that were left out or put in order."""
-        return (*self.imu_counts.findings(), *self.encoder_counts.findings())
+        """Messages that were left out, put in order or lost."""
+        return (*self.imu_counts.findings(), *self.encoder_counts.findings(), *self._filled())
+
+    def _filled(self) -> list[Finding]:
+        count = int(np.count_nonzero(self.made))
+        if not count:
+            return []
+        topic = self.imu_counts.topic
+        text = (
+            f"{count} of {len(self.made)} samples of {topic} are missing, in gaps of up to"
+            f" {LONGEST_FILLED_S:g} s, and were replaced by straight lines between their neighbours"
+        )
+        return [Finding("gaps", text, topic=topic)]
 
 
 @dataclass(frozen=True)
@@ -193,10 +209,12 @@ def read_rig_log(
     encoder = sorted_stream(read_joint(log, channels, joint, encoder_losses))
     if encoder is None:
         raise _without_encoder(log, rig, names)
+    samples, made = filled(imu.stream)
     return RigLog(
         log,
         topic,
-        imu.stream,
+        samples,
+        made,
         encoder.stream,
         MessageCounts.of(topic.topic, losses, imu),
         MessageCounts.of(channels[0].topic, encoder_losses, encoder),

@@ -21,49 +21,15 @@ from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.parts import njit
 from sinstool.methods.hse.rig import EncoderModel
+from sinstool.methods.hse.time_grid import stamps, time_grids
 
 SMOOTHING_S = 0.25
 """To each side, s."""
 
-LONGEST_GAP = 1.5
-"""Of nominal gyro intervals; beyond it samples are lost."""
-
-# Stamps before and after a long interval that decide whether samples are lost there or one
-# stamp was late: the late one is followed by stamps that are where they should be.
-_NEIGHBOURS = 20
 _ENCODER_GAP_INTERVALS = 5.0
 _ENCODER_GAP_S = 0.25
 _EDGE_OF_STAMP = {"end": -1.0, "mid": -0.5, "start": 0.0}
 _GRAINS = 1e-9  # s, of stamps
-
-
-@dataclass(frozen=True)
-class TimeGrid:
-    """Gyro samples one after the other with none lost, and the line through their stamps.
-
-    Attributes
-    ----------
-    first : int
-        Row of the first sample.
-    count : int
-        Number of samples.
-    start_s : float
-        Time of the first sample on the line, s after the origin.
-    interval_s : float
-        Interval of samples, s.
-    jitter_s : float
-        Root mean square of the stamps about the line.
-    wander_s : float
-        Largest distance of a second's mean of stamps from the line: not jitter, but a clock
-        that did not run evenly.
-    """
-
-    first: int
-    count: int
-    start_s: float
-    interval_s: float
-    jitter_s: float
-    wander_s: float
 
 
 @dataclass(frozen=True)
@@ -82,7 +48,7 @@ class TableAngle:
         Angle about the downward axis, rad, not wrapped, where the intervals of the n samples
         begin and end.
     jitter_s, wander_s : float
-        Of the gyro stamps; see :class:`TimeGrid`.
+        Of the gyro stamps; see :class:`~sinstool.methods.hse.time_grid.TimeGrid`.
     """
 
     first: int
@@ -94,41 +60,6 @@ class TableAngle:
 
     def __len__(self) -> int:
         return len(self.alpha) - 1
-
-
-def time_grids(time_ns: ArrayLike) -> list[TimeGrid]:
-    """Stretches of gyro samples without a gap.
-
-    Parameters
-    ----------
-    time_ns : array_like of int64, shape (n,)
-        Stamps, increasing; the first is the origin.
-
-    Returns
-    -------
-    list of TimeGrid
-        In order.
-
-    Raises
-    ------
-    AlignmentError
-        If stamps do not increase.
-    """
-    times = _stamps(time_ns, "gyro")
-    if len(times) < 2:
-        return []
-    steps = np.diff(times)
-    if steps.min() <= 0:
-        at = int(np.argmin(steps > 0))
-        raise AlignmentError(
-            f"gyro stamps do not increase (sample {at + 1} of {len(times)})",
-            "sort them and drop repeated ones",
-        )
-    nominal = float(np.median(steps))
-    cuts = np.flatnonzero(steps > LONGEST_GAP * nominal) + 1
-    cuts = cuts[_samples_lost(times, cuts, nominal)]
-    edges = np.concatenate(([0], cuts, [len(times)]))
-    return [_line(times, begin, end, round(nominal)) for begin, end in pairwise(edges.tolist())]
 
 
 def table_angle(
@@ -165,7 +96,7 @@ def table_angle(
     AlignmentError
         If stamps run backwards, readings are not finite, or there are fewer than two.
     """
-    gyro_times = _stamps(gyro_time_ns, "gyro")
+    gyro_times = stamps(gyro_time_ns, "gyro")
     if not len(gyro_times):
         return []
     tracks = _tracks(encoder_time_ns, reading, model, int(gyro_times[0]), smoothing_s)
@@ -210,55 +141,11 @@ def _angle_at(at: FloatArray, seconds: FloatArray, alpha: FloatArray) -> FloatAr
     return np.asarray(angle)
 
 
-def _stamps(time_ns: ArrayLike, whose: str) -> IntArray:
-    times = np.asarray(time_ns)
-    if times.ndim != 1 or not np.issubdtype(times.dtype, np.integer):
-        raise ValueError(f"{whose} times must be a column of int64 ns, got {times.dtype}")
-    return times.astype(np.int64)
-
-
-def _samples_lost(times: IntArray, cuts: IntArray, nominal: float) -> BoolArray:
-    """Whether samples were lost in each of these long intervals."""
-    window = np.arange(_NEIGHBOURS)
-    after = cuts[:, None] + window
-    before = cuts[:, None] - 1 - window
-
-    def offset(rows: IntArray) -> FloatArray:
-        inside = np.clip(rows, 0, len(times) - 1)
-        since = (times[inside] - times[cuts - 1][:, None]) - (inside - cuts[:, None] + 1) * nominal
-        return np.asarray(np.median(since, axis=1))
-
-    return np.asarray(offset(after) - offset(before) > (LONGEST_GAP - 1.0) * nominal)
-
-
-def _line(times: IntArray, begin: int, end: int, nominal: int) -> TimeGrid:
-    """Least-squares line through the stamps of rows [begin, end)."""
-    n = end - begin
-    k = np.arange(n)
-    # small integers, exact in float64; stamps themselves are not
-    late = (times[begin:end] - times[begin] - k * nominal).astype(np.float64)
-    x = k - (n - 1) / 2.0
-    slope = float(x @ late / (x @ x)) if n > 1 else 0.0
-    rest = late - late.mean() - slope * x
-    start = late.mean() - slope * (n - 1) / 2.0
-    per_second = max(1, round(1e9 / nominal))
-    whole = n // per_second * per_second
-    means = rest[:whole].reshape(-1, per_second).mean(axis=1) if whole else rest[:0]
-    return TimeGrid(
-        first=begin,
-        count=n,
-        start_s=(float(times[begin] - times[0]) + float(start)) * 1e-9,
-        interval_s=(nominal + slope) * 1e-9,
-        jitter_s=float(np.sqrt(np.mean(rest**2))) * 1e-9,
-        wander_s=float(np.abs(means).max()) * 1e-9 if len(means) else 0.0,
-    )
-
-
 def _tracks(
     time_ns: ArrayLike, reading: ArrayLike, model: EncoderModel, origin_ns: int, smoothing_s: float
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Seconds after the origin and alpha, smoothed, for each stretch of readings."""
-    times = _stamps(time_ns, "encoder")
+    times = stamps(time_ns, "encoder")
     position = np.asarray(reading, dtype=np.float64)
     if position.shape != times.shape:
         raise ValueError(f"{len(times)} encoder stamps, but readings of shape {position.shape}")

@@ -1,7 +1,8 @@
 """Stretches of steady rotation: plateaus of the table's rate, divided for alignment.
 
 Rates are those of the encoder over blocks of a quarter of a second. A plateau grows block by
-block as long as the next one agrees with its mean. What is not used is given back as well, with
+block as long as the next one agrees with its mean, to within a tolerance that the noise of the
+blocks widens: an encoder stamped by receipt jitters by a millisecond. What is not used is given back as well, with
 the reason, since an operator who sees only that a run is missing cannot do anything about it.
 
 Sums over whole turns are all of a log that alignment needs, in a few numbers. With
@@ -31,6 +32,9 @@ BLOCK_S = 0.25
 RELATIVE_TOLERANCE = 1e-3
 SMALLEST_TOLERANCE = 2e-4
 """rad/s; a block belongs to a plateau within this or the relative tolerance of its mean."""
+
+# Standard deviations of a block's rate: rarer than one in 600 s of blocks.
+_NOISE_TOLERANCE = 5.0
 
 SLOWEST = np.radians(1.0)
 """Rate below which the table counts as at rest, rad/s."""
@@ -145,10 +149,11 @@ def _plateaus(piece: TableAngle, number: int, rate: FloatArray, size: int) -> li
     """Plateaus of constant rate, and the stretches between them with a reason."""
     spans: list[tuple[int, int]] = []
     begin, total = 0, 0.0
+    relative = max(RELATIVE_TOLERANCE, _NOISE_TOLERANCE * _relative_noise(rate))
     for k, r in enumerate(rate.tolist()):
         if k > begin:
             mean = total / (k - begin)
-            if abs(r - mean) > max(RELATIVE_TOLERANCE * abs(mean), SMALLEST_TOLERANCE):
+            if abs(r - mean) > max(relative * abs(mean), SMALLEST_TOLERANCE):
                 spans.append((begin, k))
                 begin, total = k, 0.0
         total += r
@@ -171,6 +176,22 @@ def _plateaus(piece: TableAngle, number: int, rate: FloatArray, size: int) -> li
         short = _segment(piece, number, 0, len(piece))
         segments.append(replace(short, reason="too short to see a rate"))
     return segments
+
+
+def _relative_noise(rate: FloatArray) -> float:
+    """Standard deviation of the rate of a block over the rate itself.
+
+    Relative, as it comes from stamps that jitter. From second differences, which neither a
+    plateau nor an even change of rate has. Angles at the ends of blocks are means over a quarter
+    of a second to each side, so that a rate is half the difference of the means over the block
+    before and the one after; then the variance of its second difference is five times its own.
+    """
+    turning = np.abs(rate[1:-1]) > SLOWEST
+    if not turning.any():
+        return 0.0
+    bends = np.abs(np.diff(rate, 2)[turning] / rate[1:-1][turning])
+    # median of a normal variable's size, in standard deviations
+    return float(np.median(bends)) / 0.6745 / np.sqrt(5.0)
 
 
 def _judged(segment: Segment, piece: TableAngle, rules: SegmentRules) -> list[Segment]:
@@ -262,7 +283,7 @@ class TurnStatistics:
     interval_s : float
         Of the samples, s.
     jitter_s, wander_s : float
-        Of the gyro stamps; see :class:`~sinstool.methods.hse.encoder.TimeGrid`.
+        Of the gyro stamps; see :class:`~sinstool.methods.hse.time_grid.TimeGrid`.
     """
 
     S: FloatArray

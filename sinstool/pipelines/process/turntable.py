@@ -103,9 +103,10 @@ def process_turntable(
     hse = _hse(config, calibration, turns, alignments, corrected)
     lost = _lost(log, samples)
     warnings += [*rig.remarks(), *_remarks(turns, alignments, corrected)]
-    if attitudes < len(samples.imu):
+    without = len(samples.imu) - int(np.count_nonzero(samples.made)) - attitudes
+    if without:
         warnings.append(
-            f"{len(samples.imu) - attitudes} samples lie where the encoder or the gyro has a gap;"
+            f"{without} samples lie where the encoder or the gyro has a gap;"
             " they get no attitude"
         )
     plan = turntable_plan(samples.topic.topic, config)
@@ -203,7 +204,10 @@ def _write(
         alpha = _angle(piece, read[number], rig.imu_stamp, turns, number)
         for begin in range(0, len(piece), BLOCK):
             end = min(begin + BLOCK, len(piece))
-            rows = slice(piece.first + begin, piece.first + end)
+            real = np.flatnonzero(~samples.made[piece.first + begin : piece.first + end])
+            if not len(real):
+                continue
+            rows = piece.first + begin + real
             q_nb = np.empty((end - begin, 4))
             for k in np.unique(nearest[begin:end]).tolist():
                 mine = nearest[begin:end] == k
@@ -212,12 +216,12 @@ def _write(
                 Solution(
                     imu.time_ns[rows],
                     imu.log_time_ns[rows],
-                    q_nb,
+                    q_nb[real],
                     (imu.gyro[rows] - rig.gyro_bias) @ rig.gyro_to_b.T,
                     (imu.accel[rows] - rig.accel_bias) @ rig.accel_to_b.T,
                 )
             )
-        count += len(piece)
+            count += len(real)
     return count
 
 
@@ -289,16 +293,17 @@ def _sigmas(a: WholeTurnAlignment) -> float:
 
 
 def _imu(samples: RigLog) -> ImuTime:
-    steps = np.diff(samples.imu.time_ns)
+    recorded = samples.imu.time_ns[~samples.made]
+    steps = np.diff(recorded)
     interval = float(np.median(steps)) if len(steps) else 0.0
     gaps = steps[steps > 3.0 * interval]
     counts = samples.imu_counts
     return ImuTime(
         topic=counts.topic,
-        n=len(samples.imu),
+        n=len(recorded),
         rate_hz=1e9 / interval if interval else 0.0,
         first_ns=samples.start_ns,
-        last_ns=int(samples.imu.time_ns[-1]),
+        last_ns=int(recorded[-1]),
         time_source="stamp",
         gaps=len(gaps),
         gap_total_s=float(gaps.sum()) * 1e-9,

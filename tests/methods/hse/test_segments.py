@@ -67,6 +67,24 @@ def test_lost_samples_split_a_plateau():
     assert any(s.reason.startswith("lasts 37.") for s in result.rejected)
 
 
+@pytest.mark.parametrize("rate", [20.0, 100.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_an_encoder_stamped_by_receipt_has_plateaus_too(seed, rate):
+    """0.5 ms of jitter at 100 deg/s is a third of a degree per second from block to block."""
+    random = np.random.default_rng(seed)
+    profile = TableProfile(plateaus([(0, 20), (45, 90), (90, 90), (180, 90), (-180, 90)]))
+    gyro_at = np.arange(0.0, profile.duration, 0.01)
+    at = np.arange(0.0, profile.duration, 1.0 / rate)
+    reading = np.mod(profile.angle(at)[0], 2 * np.pi)
+    received = np.sort(at + 5e-4 * random.standard_normal(len(at)))
+    epoch = 1_700_000_000_000_000_000
+    stamps, readings = (epoch + np.round(t * 1e9).astype(np.int64) for t in (gyro_at[1:], received))
+    result = find_segments(table_angle(stamps, readings, reading, EncoderModel()))
+    found = [np.degrees(s.rate) for s in result.used]
+    assert found == pytest.approx([45.0, 90.0, 180.0, -180.0], abs=0.01)
+    assert min(s.duration_s for s in result.used) > 84.0
+
+
 def test_everything_is_accounted_for():
     _, pieces = measured(WALK)
     result = find_segments(pieces, SegmentRules(settle_s=0.0))

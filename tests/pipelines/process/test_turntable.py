@@ -1,6 +1,7 @@
 """`process --hse`: headings corrected at other sites, attitudes against the truth, refusals."""
 
 import json
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -211,29 +212,60 @@ def test_outside_what_was_calibrated(calibrated, tmp_path):
     assert segment["outside_rate"] and segment["outside_C23"]
 
 
-def test_gap_in_the_encoder(calibrated, tmp_path):
-    """Samples without an angle get no attitude, and that is told."""
+def with_messages(log, path, wanted):
+    """The log without the messages that `wanted(topic, s since its start, number)` refuses."""
     from mcap.writer import Writer
 
-    hse, _, _ = calibrated
-    log, rig = log_at(tmp_path, "whole", 65, 0.49, "40,-40")
-    holed = tmp_path / "holed.mcap"
-    with log.open("rb") as stream, holed.open("wb") as out:
+    with log.open("rb") as stream, path.open("wb") as out:
         writer = Writer(out)
         writer.start(profile="ros2")
-        channels, start = {}, None
+        channels, count, start = {}, Counter(), None
         for schema, channel, m in make_reader(stream).iter_messages():
             start = m.log_time if start is None else start
             if channel.topic not in channels:
                 number = writer.register_schema(schema.name, schema.encoding, schema.data)
                 channels[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
-            if channel.topic == "/joint_states" and 56e9 < m.log_time - start < 58e9:
-                continue
-            writer.add_message(channels[channel.topic], m.log_time, m.data, m.publish_time)
+            count[channel.topic] += 1
+            if wanted(channel.topic, (m.log_time - start) * 1e-9, count[channel.topic]):
+                writer.add_message(channels[channel.topic], m.log_time, m.data, m.publish_time)
         writer.finish()
+    return path
+
+
+def test_gap_in_the_encoder(calibrated, tmp_path):
+    """Samples without an angle get no attitude, and that is told."""
+    hse, _, _ = calibrated
+    log, rig = log_at(tmp_path, "whole", 65, 0.49, "40,-40")
+    holed = with_messages(
+        log,
+        tmp_path / "holed.mcap",
+        lambda topic, at, _: topic != "/joint_states" or not 56 < at < 58,
+    )
     status, printed, err, _ = process(tmp_path, holed, rig, hse, "--only-results")
     assert status == 0
     missing = printed["imu"]["n"] - printed["output"]["attitudes"]
     assert 35 < missing < 45
     assert f"warning: {missing} samples lie where the encoder or the gyro has a gap" in err
     assert len(printed["hse"]["segments"]) == 2
+
+
+def test_lost_samples_are_filled_and_said(calibrated, tmp_path):
+    """One message in fifty lost: the same stretches, and no attitude where there is no sample."""
+    hse, _, _ = calibrated
+    log, rig = log_at(tmp_path, "all", 65, 0.49, "40,-40")
+    lossy = with_messages(
+        log,
+        tmp_path / "lossy.mcap",
+        lambda topic, at, number: topic == "/joint_states" or number % 50,
+    )
+    _, complete, _, _ = process(tmp_path, log, rig, hse, "--only-results")
+    status, printed, err, out = process(tmp_path, lossy, rig, hse, "--only-results")
+    assert status == 0
+    lost = complete["imu"]["n"] - printed["imu"]["n"]
+    assert lost == complete["imu"]["n"] // 50
+    assert f"{lost} of {complete['imu']['n']} samples of /imu/data_raw are missing" in err
+    times, _ = read_attitude(out)
+    assert len(times) == printed["output"]["attitudes"] == printed["imu"]["n"]
+    for one, whole in zip(printed["hse"]["segments"], complete["hse"]["segments"], strict=True):
+        assert one["turns"] == whole["turns"]
+        assert abs(one["heading_deg"] - whole["heading_deg"]) * 3600.0 < 1.0
