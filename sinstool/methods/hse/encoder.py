@@ -17,7 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
+from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.parts import njit
 from sinstool.methods.hse.rig import EncoderModel

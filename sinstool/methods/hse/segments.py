@@ -2,8 +2,9 @@
 
 Rates are those of the encoder over blocks of a quarter of a second. A plateau grows block by
 block as long as the next one agrees with its mean, to within a tolerance that the noise of the
-blocks widens: an encoder stamped by receipt jitters by a millisecond. What is not used is given back as well, with
-the reason, since an operator who sees only that a run is missing cannot do anything about it.
+blocks widens: the stamps of an encoder may jitter by a millisecond. What is not used is given back
+as well, with the reason, since an operator who sees only that a run is missing cannot do anything
+about it.
 
 Sums over whole turns are all of a log that alignment needs, in a few numbers. With
 ``v_b0 = Rz(alpha) v_b`` the mean of any vector in ``b0`` follows from the time integrals of ``v``,

@@ -192,5 +192,3 @@ def _line(times: IntArray, begin: int, end: int, nominal: int) -> TimeGrid:
         jitter_s=float(np.sqrt(np.mean(rest**2))) * 1e-9,
         wander_s=float(np.abs(means).max()) * 1e-9 if len(means) else 0.0,
     )
-
-

@@ -106,8 +106,7 @@ def process_turntable(
     without = len(samples.imu) - int(np.count_nonzero(samples.made)) - attitudes
     if without:
         warnings.append(
-            f"{without} samples lie where the encoder or the gyro has a gap;"
-            " they get no attitude"
+            f"{without} samples lie where the encoder or the gyro has a gap; they get no attitude"
         )
     plan = turntable_plan(samples.topic.topic, config)
     findings = (
