@@ -318,7 +318,7 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
         return Choice("inertial", "as velocity and position are integrated with it", option)
     if configured != "auto":
         return Choice(configured, "as configured", option)
-    if _without_gravity(source):
+    if without_gravity(source):
         return Choice("inertial", "as the specific force is not of gravity's size", option)
     if config.coning.coning != ProcessConfig().coning.coning:
         return Choice(
@@ -331,7 +331,7 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
     return Choice("smoothed", "as gravity holds roll and pitch better than the gyros", option)
 
 
-def _without_gravity(source: Source) -> bool:
+def without_gravity(source: Source) -> bool:
     """Whether the specific force is not gravity and what accelerations of a vehicle add to it.
 
     Of a size between a half and two g it may be that of one that circles, or of sensors with a

@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from sinstool.config import ProcessConfig
-from sinstool.core.finding import Finding
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.units import DEGREE
-from sinstool.methods.alignment.initial import NOT_STILL
+from sinstool.methods.alignment.initial import NOT_STILL, Alignment
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.align.first_attitude import earth_rate
-from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.plan import Plan, without_gravity
 from sinstool.pipelines.process.mode import (
     BytesRead,
     Mode,
@@ -129,6 +129,8 @@ class AttitudeMode(Mode):
         smoothing = self._smoothing
         if smoothing is not None:
             findings += smoothing.findings()
+        elif self.config.navigation.attitude == "auto" and without_gravity(self.source):
+            findings.append(_not_held(alignment))
         return ModeResult(
             smoothing=None if smoothing is None else smoothing.summary,
             alignment=FirstAttitude.of(alignment, self.plan.first_attitude.reason),
@@ -136,3 +138,17 @@ class AttitudeMode(Mode):
             height=None if vertical is None else vertical.summary(),
             findings=tuple(findings),
         )
+
+
+def _not_held(alignment: Alignment) -> Finding:
+    """That gravity does not hold roll and pitch, nor show the first ones."""
+    text = "the specific force is not of gravity's size, so it does not hold roll and pitch"
+    if alignment.method.startswith("level"):
+        return Finding(
+            "gravity-unused",
+            f"{text}; the first ones come from it all the same, and may be wrong by any angle",
+            answer="look for accelerometers that saturate or have a wrong unit, or give the first"
+            " attitude by --align log or --align fixed",
+            severity=Severity.LOST,
+        )
+    return Finding("gravity-unused", f"{text}: they drift as the gyros do")

@@ -1,5 +1,7 @@
 """Sigmas of attitude where the log leaves something open: how it moves, and what a sample is."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from tests.helpers import unseen_drives
 from tests.helpers.imulogs import G, even_times, imu_log
 from tests.helpers.unseen_vehicles import glider, motorcycle
-from tests.pipelines.process.test_smoothing import RATE, Hand, run, smoothed, written
+from tests.pipelines.process.test_smoothing import RATE, Hand, hand, run, smoothed, written
 
 FLU = np.diag([1.0, -1.0, -1.0])
 ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -146,3 +148,23 @@ def test_a_telephone_on_a_table(tmp_path, seed):
     _, off, covariance = smoothed(tmp_path, log)
     assert np.degrees(np.abs(off)).max() > 1.0
     assert over_sigma(off, covariance) < 2.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_an_attitude_from_a_force_that_is_not_gravity_is_not_to_be_trusted(tmp_path, seed):
+    """Shaken to their stops, accelerometers read half of gravity: 67 deg off, with status 0."""
+    log = hand(seed=seed, rest=(0.0, 0.0))
+    log = replace(log, accel=0.45 * log.accel)
+    summary, off, _ = smoothed(tmp_path, log)
+    assert summary["plan"]["attitude"]["value"] == "inertial"
+    found = {f["kind"]: f for f in summary["findings"]}
+    assert found["gravity-unused"]["severity"] == "lost"
+    assert "may be wrong by any angle" in found["gravity-unused"]["text"]
+    # whoever asks for it, or gives the first attitude, knows
+    for groups, kind in (
+        ({"navigation": {"attitude": "inertial"}}, None),
+        ({"align": {"align": "fixed", "initial_attitude": (0.0, 0.0, 0.0)}}, "warning"),
+    ):
+        summary = run(tmp_path / "in.mcap", tmp_path / f"{kind}.mcap", **groups)
+        found = {f["kind"]: f["severity"] for f in summary["findings"]}
+        assert found.get("gravity-unused") == kind
