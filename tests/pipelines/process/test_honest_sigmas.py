@@ -155,7 +155,7 @@ def test_an_attitude_from_a_force_that_is_not_gravity_is_not_to_be_trusted(tmp_p
     """Shaken to their stops, accelerometers read half of gravity: 67 deg off, with status 0."""
     log = hand(seed=seed, rest=(0.0, 0.0))
     log = replace(log, accel=0.45 * log.accel)
-    summary, off, _ = smoothed(tmp_path, log)
+    summary, _, _ = smoothed(tmp_path, log)
     assert summary["plan"]["attitude"]["value"] == "inertial"
     found = {f["kind"]: f for f in summary["findings"]}
     assert found["gravity-unused"]["severity"] == "lost"
