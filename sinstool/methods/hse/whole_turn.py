@@ -24,9 +24,9 @@ from sinstool.core.result import fields_in
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.segments import TurnStatistics
+from sinstool.methods.hse.turn_noise import FEWEST_TURNS_FOR_SCATTER, sigma_of_mean
 
 HIGHEST_LATITUDE = np.radians(85.0)
-FEWEST_TURNS_FOR_SCATTER = 4
 SIGNIFICANT_TILT_DRIFT = 3.0
 """Sigmas of the tilt's drift beyond which ``level_rate='auto'`` takes it out."""
 
@@ -204,8 +204,8 @@ def align_whole_turns(
     east_rate = w_turn @ r2
     heading = float(np.arctan2(C_nb0[1, 0], C_nb0[0, 0]) % (2.0 * np.pi))
     per_turn = heading - east_rate / north_rate
-    sigma_heading = _scatter(east_rate) / north_rate
-    sigma_c = np.array([_scatter(w_turn[:, 2]), gyro_bias_sigma]) / abs(turns.rate + u_z)
+    sigma_heading = sigma_of_mean(east_rate) / north_rate
+    sigma_c = np.array([sigma_of_mean(w_turn[:, 2]), gyro_bias_sigma]) / abs(turns.rate + u_z)
     white = float(sigma_c[0])
     sigma_c_axial = float(np.hypot(*sigma_c)) if np.isfinite(white) else _or_nan(sigma_c[1])
     level = _scatter(f_turn @ r2) / size
