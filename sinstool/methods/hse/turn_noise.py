@@ -9,9 +9,9 @@ the angle that it turns through stays small. Of N turns of length T the mean rat
 with ``q`` the white noise and ``r`` the variance of that angle; the scatter of the turns alone,
 over sqrt(N), would be several times too large where the base sways by arc seconds.
 
-How much cancels is for the turns to show. Their likelihood (the restricted one, as their mean is not
-known) is computed for white noise and for some ratios of the two, and the variances are averaged
-by it; few turns leave it at white noise.
+How much cancels is for the turns to show. Their likelihood (the restricted one, as their mean is
+not known) is computed for white noise and for some ratios of the two, and the variances are
+averaged by it; few turns leave it at white noise.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def sigma_of_mean(rates: ArrayLike) -> float:
 
 
 def _in_sines(values: FloatArray) -> FloatArray:
-    """Coefficients in the orthonormal sines that are zero before the first value and after the last."""
+    """Coefficients in orthonormal sines: zero before the first value and after the last."""
     n = len(values)
     odd = np.concatenate([[0.0], values, [0.0], -values[::-1]])
     return np.asarray(-np.fft.rfft(odd).imag[1 : n + 1] / np.sqrt(2.0 * (n + 1)))
