@@ -21,6 +21,7 @@ from sinstool.methods.alignment.in_motion import (
     align_in_motion,
     gnss_fixes,
 )
+from sinstool.methods.alignment.inflight import OPEN_LEVER_SIGMA
 from sinstool.methods.alignment.inflight_types import (
     REFUSE_SIGMA,
     AlignmentSettings,
@@ -400,6 +401,8 @@ def _settings(
         grade=errors,
         kappa=options.kappa,
         refine=options.refine == "kf",
+        # Where nobody says where the antenna is, it may be a metre away
+        refine_lever_sigma=OPEN_LEVER_SIGMA if gnss.lever_arm is None else 0.0,
         at=at,
         gyro_limit=None if options.gyro_range is None else options.gyro_range * DEGREE,
         accel_limit=options.accel_range,

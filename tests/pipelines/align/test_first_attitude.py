@@ -160,7 +160,11 @@ def test_late_stamps_show_in_the_filters_residuals():
     for latency in (0.125, 0.0, -0.125):
         config = build(
             ProcessConfig,
-            {"align": {"align": "svd"}, "in_flight": span, "gnss": {"gnss_latency": latency}},
+            {
+                "align": {"align": "svd"},
+                "in_flight": span,
+                "gnss": {"gnss_latency": latency, "lever_arm": (0.0, 0.0, 0.0)},
+            },
         )
         listed[latency] = align_log(log, config).result.to_json()
     assert listed[-0.125]["refined_chi2"] < 0.85 * listed[0.0]["refined_chi2"]
