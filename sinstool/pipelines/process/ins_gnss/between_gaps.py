@@ -53,7 +53,7 @@ class Stretch:
     filter : InsGnssFilter
         That runs over it.
     vehicle : VehicleAssumptions
-        What is held of the vehicle in it.
+        Constraints of the vehicle in it.
     gap : FilterEvent or None
         The gap before.
     """

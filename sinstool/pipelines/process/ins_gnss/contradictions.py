@@ -19,7 +19,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import velocity_noise_bound
-from sinstool.methods.ins_gnss.receiver_offsets import MAX_SIGMA_S
+from sinstool.methods.ins_gnss.latency import MAX_SIGMA_S
 from sinstool.pipelines.process.ins_gnss.filter_settings import imu_stated
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_start import first_start

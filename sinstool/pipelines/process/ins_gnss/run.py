@@ -61,7 +61,7 @@ from sinstool.pipelines.process.ins_gnss.untrusted import (
     marked,
     untrusted,
 )
-from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions, find_vehicle
+from sinstool.pipelines.process.ins_gnss.vehicle import FirstPass, first_pass
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
 from sinstool.pipelines.process.summary import (
     ConingUsed,
@@ -140,7 +140,7 @@ class FilterRun(Mode):
         self._hidden = bool(start.withheld.any())
         self._sample_kind_known = plan.gyro_samples.configured or bool(means)
         self._mount: np.ndarray | None = None
-        self._best: VehicleAssumptions | None = None
+        self._best: FirstPass | None = None
         self._stretches: list[Stretch] = []
 
     def find_out(self, progress: BytesRead | None) -> None:
@@ -151,26 +151,27 @@ class FilterRun(Mode):
         if best.time_ns != self._start.time_ns:
             # Beyond a gap the same vehicle may show more of itself
             longest = longest_carried(best.settings)
-            self._best = find_vehicle(self.source, self.config, self.plan.algorithm, best, longest)
+            self._best = first_pass(self.source, self.config, self.plan.algorithm, best, longest)
         first = self._stretch(self.source, self._start)
-        if first.start.clock.rate != 0.0 and self._put_right(first.start.clock):
+        if first.start.clock.rate != 0.0 and self._begin_with_clock(first.start.clock):
             first = self._stretch(self.source, self._start)
         self._stretches, self._start = [first], first.start
         self._measure_by(first.start)
         self._mount = first.vehicle.mount
         if self._mount is None and self._best is not None:
-            self._mount = self._best.mount
+            self._mount = self._best.vehicle.mount
         if self._mount is not None:
             self.emits = (*self.emits, "vehicle")
 
-    def _put_right(self, clock: ClockRate) -> bool:
-        """Begin anew with stamps of a clock that runs with the Imu's, if that can be done.
+    def _begin_with_clock(self, clock: ClockRate) -> bool:
+        """Begin anew with stamps corrected for the rate of the receiver's clock; False if no start.
 
-        Fixes whose latency changes look as if they wandered, and the Imu as if it did.
+        Where the latency changes, fixes seem to wander and the Imu to drift: the noise of the first
+        start is too large.
         """
         aiding, algorithm = self.source.aiding, self.plan.algorithm
         assert aiding.gnss is not None
-        source = replace(self.source, aiding=replace(aiding, gnss=clock.put_right(aiding.gnss)))
+        source = replace(self.source, aiding=replace(aiding, gnss=clock.corrected(aiding.gnss)))
         try:
             begun = timed_start(source, self.config, algorithm, first_start(source, self.config))
         except AlignmentError:
@@ -189,7 +190,6 @@ class FilterRun(Mode):
         self._score = Withheld(valid, start.withheld, arm)
         self._filtered = Withheld(valid, start.withheld, arm)
         turned = None if start.offsets is None else start.offsets.turned
-        # Few logs show whether a sample is a mean until its stamp, or a rate at it
         half = 0.0 if self._sample_kind_known else 0.5 * self.source.survey.interval_ns / SECOND
         shared = start.latency_status != "given" and start.settings.gnss_latency != 0.0
         self._offsets_error = OffsetsError(start.offsets_error, turned, half, shared)
@@ -198,12 +198,12 @@ class FilterRun(Mode):
         self, source: Source, start: FilterStart, gap: FilterEvent | None = None
     ) -> Stretch:
         longest = longest_carried(start.settings)
-        vehicle = self._best if start.time_ns == self._planned.time_ns else None
-        if vehicle is None:
-            vehicle = find_vehicle(source, self.config, self.plan.algorithm, start, longest)
-        start = vehicle.started(start)
-        run = self._filter_from(start, vehicle.constraints)
-        return Stretch(source, start, run, vehicle, gap)
+        first = self._best if start.time_ns == self._planned.time_ns else None
+        if first is None:
+            first = first_pass(source, self.config, self.plan.algorithm, start, longest)
+        start = first.started(start)
+        run = self._filter_from(start, first.vehicle.constraints)
+        return Stretch(source, start, run, first.vehicle, gap)
 
     def _filter_from(
         self, start: FilterStart, constraints: Constraints | None = None

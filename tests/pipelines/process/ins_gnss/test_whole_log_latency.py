@@ -9,6 +9,8 @@ import pytest
 from sinstool.config import ProcessConfig
 from sinstool.core.rotation import to_dcm
 from sinstool.core.timeline import SECOND
+from sinstool.methods.ins_gnss.clock_rate import ClockRate
+from sinstool.pipelines.process.ins_gnss import whole_log_latency
 from sinstool.pipelines.process.ins_gnss.whole_log_latency import (
     WholeLogLatency,
     latency_of_whole_log,
@@ -47,7 +49,7 @@ def test_a_latency_that_is_given_is_used_as_it_is(late):
 
 
 @pytest.mark.parametrize("seed, rate", [(5, 40e-6), (7, -25e-6)])
-def test_a_clock_of_the_receivers_own_is_put_right(tmp_path, seed, rate):
+def test_a_clock_of_the_receivers_own_is_corrected(tmp_path, seed, rate):
     """Which would move the solution by half a metre."""
     truth = drive(seed, 1200.0)
     data = record(truth, GRADES["industrial"], seed)
@@ -92,3 +94,20 @@ def test_nothing_is_sought_where_it_would_not_matter(late):
     assert latency_of_whole_log(poor, config, times) is None
     with pytest.raises(AttributeError):
         latency_of_whole_log(start, config, times)
+
+
+@pytest.mark.parametrize("rate", [0.0, 3e-5], ids=["no rate", "a rate within its sigma"])
+def test_nothing_is_estimated_twice(late, monkeypatch, rate):
+    """The search for a clock's rate begins, and may end, where that for the latency begins."""
+    start, config = start_of(late[0], **GROUPS), ProcessConfig(**GROUPS)
+    times = [SimpleNamespace(time_ns=start.time_ns + np.array([0, t * SECOND])) for t in (0, 1150)]
+    asked = []
+
+    def shown(_start, settings, parts, fixes, *_):
+        gated = settings.control == start.settings.control
+        asked.append((settings.gnss_latency, len(parts), tuple(fixes.time_ns), gated))
+        return replace(start.offsets, clock=ClockRate(rate, 1.2e-5, start.time_ns, 1150.0))
+
+    monkeypatch.setattr(whole_log_latency, "estimate_offsets", shown)
+    latency_of_whole_log(start, config, times)
+    assert len(asked) == len(set(asked)) > 1
