@@ -43,14 +43,19 @@ class ImuGrade:
 
     Attributes
     ----------
+    grade : str
+        ``consumer``, ``mems``, ``industrial``, ``tactical`` or ``navigation``.
+    why : str
+        The reason, as the end of a sentence.
     by_drift : bool
-        Judged by its drift where fixes are left out: its noise at rest is that of a vehicle.
-    aligned_as : Grade or None
-        That of its first attitude, where it is another: drift says little of biases, which an
-        alignment has to allow for.
+        Whether it was judged by the drift without fixes: its noise at rest is then that of the
+        vehicle.
+    aligned_as : str or None
+        Grade with which the first attitude was found, if it is another: drift says little of
+        biases, which an alignment has to allow for.
     uncalibrated : float or None
-        How far a low-cost Imu is from a calibrated one, 0, and near to a bare chip, 1, in powers of
-        what a calibration takes off; None: as its grade has it.
+        Position of a low-cost IMU between a calibrated one, 0, and a bare chip, 1, in powers of
+        what a calibration takes off; None if it is not judged.
     """
 
     grade: Grade

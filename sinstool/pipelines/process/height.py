@@ -31,13 +31,13 @@ from sinstool.methods.height.reference import (
 )
 from sinstool.methods.height.standard_atmosphere import STANDARD_PRESSURE
 from sinstool.methods.sensor_errors import Grade
-from sinstool.pipelines.process.summary import (
+from sinstool.pipelines.process.height_used import (
     BarometerSetting,
     FinalHeight,
     HeightDamping,
     HeightEvent,
-    Sink,
 )
+from sinstool.pipelines.process.summary import Sink
 from sinstool.survey.grade import ImuGrade, sensor_grade
 from sinstool.survey.source import Source
 

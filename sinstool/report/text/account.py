@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sinstool.pipelines.plan import Plan
-    from sinstool.pipelines.process import summary
+    from sinstool.pipelines.process import filter_used, summary
     from sinstool.pipelines.process.result import ProcessResult
     from sinstool.pipelines.process.travel import Accuracy, Travel
 
@@ -65,7 +65,7 @@ def _way(travel: Travel) -> str:
     )
 
 
-def _fixes(used: summary.FilterUsed | None) -> str:
+def _fixes(used: filter_used.FilterUsed | None) -> str:
     if used is None:
         return ""
     count = f"{used.epochs_used} GNSS epochs were used"
@@ -144,7 +144,7 @@ def _first(result: ProcessResult) -> str:
     return choice.reason.removeprefix(f"attitude by {choice.value} ")
 
 
-def _vehicle(plan: Plan, used: summary.FilterUsed | None) -> list[str]:
+def _vehicle(plan: Plan, used: filter_used.FilterUsed | None) -> list[str]:
     if used is None:
         return []
     vehicle = used.vehicle

@@ -32,6 +32,12 @@ from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.filter_used import (
+    FilterStartTime,
+    FilterUsed,
+    LatencyUsed,
+    WithheldScores,
+)
 from sinstool.pipelines.process.height import Damping, height_warnings
 from sinstool.pipelines.process.ins_gnss import settings_used
 from sinstool.pipelines.process.ins_gnss.before_start import (
@@ -63,16 +69,7 @@ from sinstool.pipelines.process.ins_gnss.untrusted import (
 )
 from sinstool.pipelines.process.ins_gnss.vehicle import FirstPass, first_pass
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
-from sinstool.pipelines.process.summary import (
-    ConingUsed,
-    FilterCourse,
-    FilterStartTime,
-    FilterUsed,
-    LatencyUsed,
-    ModeResult,
-    Sink,
-    WithheldScores,
-)
+from sinstool.pipelines.process.summary import ConingUsed, FilterCourse, ModeResult, Sink
 from sinstool.pipelines.process.travel import find_outages
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source, lead_in_end
