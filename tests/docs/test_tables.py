@@ -47,7 +47,7 @@ def kinds_of_findings():
                 strings.add(node.value)
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
                 kind = node.args[0]
-                makes = node.func.id in ("Finding", "warned", "_counted")
+                makes = node.func.id in ("Finding", "note", "warned", "_counted")
                 if makes and isinstance(kind, ast.Constant):
                     named.add(kind.value)
     return named, strings

@@ -238,7 +238,7 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         if not times[0] <= t_ns <= times[-1]:
             raise AlignmentError(
                 f"no attitude can be given at {t_ns} ns",
-                f"the chain of attitude holds from {times[0]} to {times[-1]} ns",
+                f"the gyros carry the attitude from {times[0]} to {times[-1]} ns only",
             )
         at = chain.rows_at(t_ns)
     covariance = solution_covariance(solution, segment, at, settings)

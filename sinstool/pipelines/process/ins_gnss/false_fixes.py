@@ -140,7 +140,7 @@ def _findings(stretches: Sequence[tuple[int, int, FalseStretch]], first_ns: int)
             Finding(
                 KIND,
                 f"fixes from {seconds[0]:.1f} to {seconds[1]:.1f} s are {stretch.off_m:.2g} m off"
-                f" from {others}, far more than the receiver states: that is taken for their sigma",
+                f" from {others}, far more than the receiver states: this is used as their sigma",
                 start_ns=begin_ns,
                 end_ns=end_ns,
                 numbers={"off_m": stretch.off_m},

@@ -153,15 +153,15 @@ def _start_as(
 
 
 def _leapt(gnss: GnssEpochs) -> list[str]:
-    """Warning of fixes that come first after an outage, and are bad."""
+    """Warning about bad first fixes after an outage."""
     off = leaps(gnss)
     bad = int(np.count_nonzero(off))
     if not bad:
         return []
-    fixes, where = ("the first fix", "lies") if bad == 1 else (f"{bad} first fixes", "lie up to")
+    fixes, lie = ("the first fix", "lies") if bad == 1 else (f"{bad} first fixes", "lie up to")
     return [
-        f"{fixes} after an outage {where} {off.max():.0f} m from where those behind come from:"
-        " that is taken for the sigma"
+        f"{fixes} after an outage {lie} {off.max():.0f} m off the line through the next ones:"
+        " this distance is used as the sigma"
     ]
 
 

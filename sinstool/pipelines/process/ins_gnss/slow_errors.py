@@ -99,7 +99,7 @@ def _with(start: FilterStart, steps: tuple[int, int], most: int) -> FilterStart:
     if any(steps):
         text += ", by all innovations"
     if most > steps[0]:
-        text += f" (of {stated * STEP**most:.2g} m would not show)"
+        text += f" (slow errors up to {stated * STEP**most:.2g} m would not show)"
     times = start.slow_errors[0] * level, start.slow_errors[1] * vertical
     return replace(made, gnss_why=text, slow_errors=times)
 

@@ -114,8 +114,8 @@ def _warnings(start: FilterStart) -> list[str]:
     if start.latency_status == "not settled":
         warnings.append(
             "the estimate of the GNSS latency did not converge:"
-            f" {1e3 * start.settings.gnss_latency:.0f} ms is used, but then the log shows"
-            f" {start.offsets}: give it with --gnss-latency"
+            f" {1e3 * start.settings.gnss_latency:.0f} ms is used, but an estimate about it gives"
+            f" {start.offsets}: give the latency with --gnss-latency"
         )
     return warnings
 
