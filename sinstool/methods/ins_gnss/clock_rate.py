@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinstool.core.streams import GnssEpochs
-from sinstool.methods.ins_gnss.offset_scores import ARM_UNKNOWN_M, LATENCY_S, OffsetScores
+from sinstool.methods.ins_gnss.offset_scores import OffsetScores
+from sinstool.methods.receiver_priors import ARM_UNKNOWN_M, LATENCY_S
 
 USUAL_RATE = 2e-5
 """Difference in rate of two crystals, 1 sigma."""

@@ -22,12 +22,6 @@ from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.followed_rates import followed_rates
 from sinstool.methods.strapdown.velocity import Increments
 
-LATENCY_S = 0.2
-"""Prior of the latency of a receiver: 0 with this standard deviation."""
-
-ARM_UNKNOWN_M = 2.0
-"""Prior of each component of a lever arm that is not given: 0 with this standard deviation."""
-
 _UPDATES = 4096  # in one block, as the filter stores its covariances at each
 _HALF_S = 0.06  # accelerations are velocity changes over this time before and after an instant
 _SETTLED_S = 20.0  # the first innovations contain errors of the start that are not linear

@@ -33,20 +33,10 @@ from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate, clock_rate
 from sinstool.methods.ins_gnss.latency import MAX_SIGMA_S, Latency, LatencyStatus
-from sinstool.methods.ins_gnss.offset_scores import (
-    ARM_UNKNOWN_M,
-    LATENCY_S,
-    OffsetScores,
-    offset_scores,
-)
+from sinstool.methods.ins_gnss.offset_scores import OffsetScores, offset_scores
 from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.receiver_priors import ARM_GIVEN_M, ARM_UNKNOWN_M, ARM_USUAL_M, LATENCY_S
 from sinstool.methods.strapdown.velocity import Increments
-
-ARM_SURE_M = 0.1
-"""Standard deviation of a lever arm that is given: measured to a decimetre."""
-
-ARM_USUAL_M = 1.0
-"""Usual distance of an antenna from the IMU along an axis that the log does not show, 1 sigma."""
 
 BEYOND, LATENCY_BEYOND, LEAST_LATENCY_S = 4.0, 3.0, 0.01
 """An estimate contradicts the assumed arm or latency if it differs by more than so many sigmas (the
@@ -250,7 +240,7 @@ def estimate_offsets(
     answer = replace(answer, clock=clock_rate(scores))
     if not given or answer.arm_contradicts:
         return answer
-    near, covariance, _ = _solved(scores, here, usual, ARM_SURE_M)
+    near, covariance, _ = _solved(scores, here, usual, ARM_GIVEN_M)
     return replace(answer, latency_s=float(near[0]), arm_b=near[1:], covariance=covariance)
 
 

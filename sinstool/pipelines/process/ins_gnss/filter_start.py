@@ -17,12 +17,9 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate
-from sinstool.methods.ins_gnss.receiver_offsets import (
-    ARM_USUAL_M,
-    LATENCY_S,
-    ReceiverOffsets,
-)
+from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.receiver_priors import ARM_USUAL_M, LATENCY_S
 from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart
 from sinstool.pipelines.process.summary import FirstAttitude
 from sinstool.survey.grade import ImuGrade

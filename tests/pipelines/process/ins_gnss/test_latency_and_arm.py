@@ -12,12 +12,12 @@ from sinstool.core.streams import GnssEpochs, take_rows
 from sinstool.methods.ins_gnss import offset_scores, receiver_offsets
 from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.methods.ins_gnss.receiver_offsets import (
-    LATENCY_S,
     ReceiverOffsets,
     estimate_offsets,
     likeliest,
     settle,
 )
+from sinstool.methods.receiver_priors import LATENCY_S
 from sinstool.pipelines.process.ins_gnss import timing
 from tests.helpers.filter_logs import first_start_of, run, start_of
 from tests.helpers.unseen_drives import (
