@@ -63,9 +63,9 @@ INCONSISTENT_CHI2 = 3.0
 REASONS = 3
 
 REFINE_SIGMA = float(np.deg2rad(20.0))
-"""Largest sigma of the solver's attitude, about its worst axis, with which the refinement is linear.
-It includes the errors of the sensors, which the refinement then estimates. From headings all
-around, only the tilt needs to be as certain."""
+"""Largest sigma of the solver's attitude, about its worst axis, that leaves the refinement linear.
+Errors of the sensors are in it, which the refinement then estimates. From headings all around, only
+the tilt needs to be as certain."""
 
 
 @dataclass(frozen=True)

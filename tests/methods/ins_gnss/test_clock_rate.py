@@ -1,15 +1,18 @@
 """Clocks of receivers that run faster or slower than the Imu's."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sinstool.core.streams import GnssEpochs
-from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate, clock_rate
+from sinstool.methods.ins_gnss.clock_rate import STEADY, USUAL_RATE, ClockRate, clock_rate
 from sinstool.methods.ins_gnss.offset_scores import OffsetScores
 
 SECOND = 10**9
+T0 = 1_700_000_000 * SECOND
 
 
 def scores(rate, latency=0.05, count=1800, seed=1, speed=15.0, sigma=0.05):
@@ -43,6 +46,21 @@ def test_rates_are_found_to_their_sigmas(rate):
 
 def test_clocks_that_run_together_show_no_rate():
     assert not any(clock_rate(scores(0.0, seed=seed)).significant for seed in range(20))
+
+
+def test_without_information_the_rate_is_that_of_usual_crystals():
+    found = clock_rate(scores(1e-3, count=40, sigma=1e6))
+    assert abs(found.rate) < 1e-3 * USUAL_RATE
+    assert found.sigma == pytest.approx(USUAL_RATE, rel=1e-3)
+
+
+def test_a_rate_has_its_time_and_span():
+    some = scores(4e-5)
+    found = clock_rate(replace(some, time_ns=some.time_ns + T0))
+    assert found.middle_ns == T0 + 1799 * SECOND // 2
+    assert found.span_s == 1799.0
+    off = found.sigma * (np.linspace(0.0, found.span_s, 10_000) - 0.5 * found.span_s)
+    assert found.spread_s == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-3)
 
 
 def test_a_rate_that_hardly_changes_the_latency_is_none():
