@@ -32,7 +32,7 @@ def late(request, tmp_path_factory):
 
 
 def test_twenty_minutes_show_a_latency_better_than_the_first_six(late):
-    """Twice as well, as they hold more than three times as many turns."""
+    """With about half the sigma, as the log holds more than three times as many turns."""
     log, latency = late
     first = start_of(log, **GROUPS)
     found = run(log, **GROUPS)[0]["filter"]
