@@ -419,7 +419,7 @@ def test_a_drift_makes_no_better_imu_that_innovations_deny(tmp_path, seed):
     assert start_of(log, gnss={"gnss_latency": 0.0}).grade.grade in ("consumer", "mems")
 
 
-def test_a_configured_grade_that_the_drift_denies_is_not_believed_in_silence(tmp_path):
+def test_a_configured_grade_that_the_drift_contradicts_is_reported(tmp_path):
     """Status 0 before, with headings 5 sigmas off."""
     truth = drive(9, 260.0, 20.0)
     data = record(truth, GRADES["industrial"], 32, gnss_rate=10.0, sigma=0.5)
@@ -497,7 +497,7 @@ def test_fictitious_noise_is_added_for_mems_or_as_asked_for(tmp_path, grade, opt
 
 
 @pytest.mark.parametrize(("options", "has"), [({}, True), ({"filter": "network-26"}, False)])
-def test_misalignments_are_found_and_told(tmp_path, options, has):
+def test_misalignments_are_found_and_reported(tmp_path, options, has):
     """Of a flight that rolls and pitches as it turns; truth: the simulation's own matrix."""
     log = simulated(
         tmp_path / "log.mcap", "manoeuvring-flight", "--duration", "900", "--grade", "tactical",
