@@ -311,7 +311,7 @@ def _feed_back_vehicle(vehicle: FloatArray, x: FloatArray, first: int) -> None:
 
 @part()
 def lately_restarted(m: Memory, model: Model) -> bool:
-    """Whether a restart is so recent that it did not help, and more is to be admitted then."""
+    """Whether the latest restart is so recent that it did not help; larger sigmas then follow."""
     since = m.now - m.restart_at
     return model.escalate > 0.0 and since < NOT_HELPED
 

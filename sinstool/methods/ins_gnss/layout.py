@@ -224,7 +224,7 @@ _MODEL: tuple[tuple[Any, ...], ...] = (
     ("channel_gate",),  # of the vertical channel at rest, m
     ("turn_variance",),  # of attitude about any axis per angle turned, rad
     ("across_variance",),  # and across the axis of the turn
-    ("escalate",),  # 1: where restarts do not help, the gate is widened
+    ("escalate",),  # 1: a restart soon after another has larger sigmas
 )
 
 

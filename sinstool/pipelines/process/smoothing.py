@@ -112,7 +112,7 @@ class Smoothing:
         if config.input.max_gap is None:
             longer = max(SHORT_GAP_INTERVALS * nominal_interval(source, config), SHORT_GAP_NS)
             settings["max_gap_ns"] = max(settings["max_gap_ns"], int(longer))
-        # The smoother knows what rest is; what is held here could not be put right there.
+        # The smoother finds rests itself, and could not undo an attitude that is held here.
         settings["still_until_ns"] = None
         self._settings = AttitudeSettings(**settings, omega_ie_n=omega_ie_n)
         self.run = self._new_run()
@@ -347,7 +347,7 @@ class Smoothing:
                 "gravity and the gyros contradict each other in all of the log, so roll and pitch"
                 " are those of the gyros alone: do not trust them",
                 severity=Severity.LOST,
-                answer="look at what info says of units, axes and ranges",
+                answer="see what info says about units, axes and ranges",
             )
         elif s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
             at = (self._worst_ns - first_ns) / SECOND

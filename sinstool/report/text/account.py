@@ -16,7 +16,7 @@ WHAT = {
     "ins": "Attitude, velocity and position were computed from the IMU alone",
     "ins-gnss": "Attitude, velocity and position were computed from the IMU and GNSS",
 }
-# Innovations squared over their expectation beyond which a reader is told what it means.
+# Squared innovations over their expectation outside of which the text explains what it means.
 LOW_NIS, HIGH_NIS = 0.5, 2.0
 
 

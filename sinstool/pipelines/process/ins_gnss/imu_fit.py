@@ -66,8 +66,8 @@ def fit(
 ) -> Fit | None:
     """Fit of a filter's settings in a log's first minutes; None where too few fixes show it.
 
-    Fixes that a filter rejects count as well, up to `GATE`: settings that reject good ones are no
-    likelier for it, and bad ones spoil no run.
+    Fixes that a filter rejects count as well, up to `GATE`: settings that reject good ones do not
+    become likelier by it, and bad ones do not dominate.
     """
     control = replace(start.settings.control, adaptive="off")
     shaken = shaking(source, config, algorithm, start)

@@ -350,7 +350,7 @@ class FilterRun(Mode):
         return settings_used.about_options(findings, p, self.config)
 
     def _plain_first(self) -> UpdateColumns:
-        """Updates of the first minutes, by a filter whose restarts do not widen the gate."""
+        """Updates of the first minutes, by a filter whose restarts do not enlarge its sigmas."""
         p = self._start
         control = replace(p.settings.control, escalate=False)
         plain = replace(p, settings=replace(p.settings, control=control))
