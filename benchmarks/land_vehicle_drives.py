@@ -50,7 +50,7 @@ from sinstool.methods.sensor_errors import SIMULATED_GRADES
 from sinstool.pipelines.process.errors_against_truth import Errors, read_references
 from sinstool.pipelines.process.ins_gnss import filter_settings
 from sinstool.pipelines.process.ins_gnss import run as ins_gnss
-from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions
+from sinstool.pipelines.process.ins_gnss.vehicle import FirstPass
 from tests.helpers.filter_logs import nees, run
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
@@ -96,11 +96,11 @@ class Scores:
 @contextmanager
 def only(row: str) -> Iterator[None]:
     """A filter that uses some constraints of those found."""
-    whole = ins_gnss.find_vehicle
+    whole = ins_gnss.first_pass
 
-    def some(*args: Any) -> VehicleAssumptions:
+    def some(*args: Any) -> FirstPass:
         found = whole(*args)
-        held = found.constraints
+        held = found.vehicle.constraints
         if held is None or row == "all":
             return found
         nothing = np.zeros_like(held.rests)
@@ -111,13 +111,13 @@ def only(row: str) -> Iterator[None]:
             held = replace(held, rests=nothing)
         if "axle" not in row:
             held = replace(held, vehicle=None)
-        return replace(found, constraints=held)
+        return replace(found, vehicle=replace(found.vehicle, constraints=held))
 
-    ins_gnss.find_vehicle = some
+    ins_gnss.first_pass = some
     try:
         yield
     finally:
-        ins_gnss.find_vehicle = whole
+        ins_gnss.first_pass = whole
 
 
 @contextmanager

@@ -22,8 +22,8 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
+from sinstool.methods.ins_gnss.withheld import WithheldScore
 from sinstool.pipelines.process.run import process
-from sinstool.pipelines.process.summary import WithheldScore
 
 LOGS = {
     "rtk": "rtk_drive/rtk_drive_mems_100hz.mcap",

@@ -8,6 +8,8 @@ A page asks for a generated part with a comment, which GitHub's own rendering le
     every option of a command, from the command itself;
 ``<!-- conventions -->``
     the conventions, from `sinstool.core.conventions`;
+``<!-- json: COMMAND -->``
+    the keys of a command's ``--json``, from the dataclasses of its result;
 ``<!-- api -->``
     the Python API, from its docstrings.
 """
@@ -18,6 +20,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
+from json_keys import json_keys
 from mathml import equations
 from mkdocs.exceptions import PluginError
 from python_api import python_api
@@ -27,6 +30,7 @@ PARTS: dict[str, Callable[[str], str]] = {
     "commands": lambda _: command_table(),
     "options": options,
     "conventions": lambda _: conventions(),
+    "json": json_keys,
     "api": lambda _: python_api(),
 }
 MARK = re.compile(r"^<!-- (\w+)(?:: ([^>]*?))? -->$", re.MULTILINE)

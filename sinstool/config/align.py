@@ -23,9 +23,9 @@ class AlignOptions(Group):
         "how the first attitude is found. At rest: level (tilt from gravity, heading 0) or"
         " gyrocompass (heading from the Earth's rotation too). In motion, from GNSS velocity: svd,"
         " quest, davenport (solvers of Wahba's problem) or triad. log: the first valid orientation"
-        " in the Imu topic. fixed: --initial-attitude. auto: svd where GNSS velocity shows"
-        " heading, gyrocompass where the gyro is good enough, otherwise level, otherwise log,"
-        " otherwise tilt from the first second",
+        " in the Imu topic. fixed: --initial-attitude. auto: gyrocompass where the gyro is good"
+        " enough to see north, otherwise svd where GNSS velocity shows heading, otherwise level,"
+        " otherwise log, otherwise tilt from the first second; --mode ins-gnss: svd",
         "METHOD",
         brief="how the first attitude is found",
     )

@@ -156,8 +156,8 @@ class FilterOptions(Group):
     )
     virtual_noise: Literal["auto", "on", "off"] = option(
         "auto",
-        "extra process noise that allows for errors of the model; auto: for MEMS sensors, whose"
-        " biases wander more than their grade says",
+        "extra process noise that allows for errors of the model; auto: for the grades consumer and"
+        " mems, unless their noise was measured or the drift without fixes shows better sensors",
     )
     adaptive: Literal["off", "sage-husa", "innovation"] = option(
         "off", "adapt the measurement noise to the innovations"
@@ -185,8 +185,8 @@ class FilterOptions(Group):
     )
     gnss_sigma: float | None = option(
         None,
-        "position noise in m per horizontal axis, where the log gives none (default: 5; vertical is"
-        " 1.6 times that)",
+        "position noise in m per horizontal axis, where the log gives none (default: 5.4; vertical"
+        " is 1.6 times that)",
         "M",
         gt=0,
     )

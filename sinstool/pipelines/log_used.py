@@ -10,7 +10,15 @@ from sinstool.survey.source import Source
 
 @dataclass(frozen=True)
 class LogFile:
-    """The log that was read."""
+    """The log that was read.
+
+    Attributes
+    ----------
+    path : str
+        As given.
+    size : int
+        Of the file or bag, bytes.
+    """
 
     path: str
     size: int
@@ -18,7 +26,27 @@ class LogFile:
 
 @dataclass(frozen=True)
 class ImuTime:
-    """The Imu topic and its time."""
+    """Samples of an Imu topic.
+
+    Attributes
+    ----------
+    topic : str
+        The topic that was used.
+    n : int
+        Samples in order, without repeated ones.
+    rate_hz : float
+        By the median interval.
+    first_ns, last_ns : int
+        Times of the first and last sample.
+    time_source : str
+        ``stamp`` (header stamps), or ``log`` (log times, if stamps are unusable).
+    gaps, gap_total_s : int, float
+        Intervals that are not integrated across, and their length in total.
+    duplicates, backward : int
+        Samples that repeat a stamp, and samples stamped before their predecessor.
+    dropped : int
+        Samples left out for any reason.
+    """
 
     topic: str
     n: int
@@ -53,7 +81,17 @@ class ImuTime:
 
 @dataclass(frozen=True)
 class Lost(LogLosses):
-    """Parts of the log that could not be used."""
+    """Parts of the log that could not be used.
+
+    Attributes
+    ----------
+    malformed : int
+        Messages that do not fit their definition.
+    not_finite : int
+        Samples with values that no sensor measures.
+    late : int
+        Samples too late in the file to be sorted.
+    """
 
     malformed: int
     not_finite: int

@@ -47,16 +47,16 @@ LABELS = {"imu_topic": "Imu topic", "imu_grade": "IMU grade", "imu_noise": "IMU 
 
 @dataclass(frozen=True)
 class Choice:
-    """One thing that was chosen.
+    """One choice of the plan.
 
     Attributes
     ----------
     value : str
-        What.
+        What is chosen.
     reason : str
-        Why, as the end of a sentence: "as the log has ...".
+        As the end of a sentence: "as the log has ...".
     option : str
-        What chooses otherwise.
+        The option that overrides it.
     """
 
     value: str
@@ -78,8 +78,8 @@ class Plan:
 
     Attributes
     ----------
-    imu_topic, imu_grade, coning : Choice
-        The topic, the grade, and the algorithm by its name.
+    imu_topic : Choice
+        The topic.
     mode : Choice
         ``attitude``, ``ins``, ``ins-gnss`` or ``turntable``.
     attitude : Choice
@@ -91,15 +91,19 @@ class Plan:
     first_attitude : Choice
         ``level``, ``gyrocompass``, ``log``, ``fixed``, ``level-moving``, a solver in motion such
         as ``svd``, or ``whole-turn`` on a turntable.
+    imu_grade : Choice
+        The grade of the sensors.
     imu_noise : Choice
         The noise file, or ``of the grade``.
+    coning : Choice
+        The coning algorithm.
     height_reference : Choice
         ``none``, ``baro`` or ``gnss``.
     wheels : Choice
         The topic with their speeds, or ``none``.
     vehicle : Choice
-        What the vehicle is taken not to do, in mode ``ins-gnss``: ``land``, ``none``, or ``auto``
-        where a first run of the filter will tell.
+        Constraints on the motion, in mode ``ins-gnss``: ``land``, ``none``, or ``auto`` if a first
+        pass of the filter will decide.
     findings : tuple of Finding
         What had to be given up.
     """

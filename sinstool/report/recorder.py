@@ -36,7 +36,7 @@ class Recorder:
     Parameters
     ----------
     truth : Truth, optional
-        What the run is held against.
+        The run is compared with it.
     """
 
     def __init__(self, truth: Truth | None = None) -> None:
@@ -162,7 +162,7 @@ class Recorder:
         self._difference.push(stamps[rows], both)
 
     def errors(self) -> RunErrors | None:
-        """Errors of the run; None where there is nothing to be held against."""
+        """Errors of the run; None without a truth."""
         return None if self._errors is None else self._errors.summary()
 
     def figures(self, result: ProcessResult) -> tuple[tuple[Figure, ...], tuple[Figure, ...]]:

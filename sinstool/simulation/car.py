@@ -1,6 +1,6 @@
 """A simulated car: its sliding, the place of the Imu, and the motion of its rear axle.
 
-Vehicle axes ``v`` are FRD at the middle of the rear axle, which cannot slide but for what is told
+Vehicle axes ``v`` are FRD at the middle of the rear axle, which slides only as given
 here: its velocity to the right is ``-kappa V^2 r + s``, of forward speed V, yaw rate r and a slow
 random slip s.
 """

@@ -19,10 +19,10 @@ from sinstool.survey.course import course_findings, two_clocks
 from sinstool.survey.gnss import CONTRADICTS
 from sinstool.survey.imu import Survey
 
-# No message is recorded before it is stamped, but for what two clocks of one machine differ by;
-# receivers and networks deliver some seconds late.
+# No message is recorded before it is stamped, apart from small differences of two clocks of one
+# machine; receivers and networks deliver up to some seconds late.
 AHEAD_S, BEHIND_S = 1.0, 5.0
-# Messages, of the quickest, that say what the delay of a topic is at least.
+# The least delay of a topic is this quantile of its delays, of so many messages at least.
 QUICK = 0.05
 LEAST = 3
 
@@ -58,8 +58,8 @@ def clocks_apart(
 ) -> list[Finding]:
     """Find stamps of a receiver that are not on the Imu's clock.
 
-    Both topics are recorded by one recorder, so that the times of its log, less the stamps, are
-    the same for both but for the delay of their delivery.
+    Both topics are recorded by one recorder, so log time less stamp is the same for both, apart
+    from the delay of delivery.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def clocks_apart(
     topic : str
         Of the fixes.
     options : InputOptions
-        Their clock offset is taken off the stamps already.
+        Their clock offset has been subtracted from the stamps.
     """
     if gnss is None or len(gnss) < LEAST or survey.time_source != "stamp":
         return []

@@ -1,7 +1,7 @@
-"""The gyro against the course over ground: the unit and the sense of its rates.
+"""The gyro compared with the course over ground: unit and sign of its rates.
 
-A vehicle that follows its nose turns as its course does. A car hardly tilts, so that gravity, which
-:mod:`~sinstool.survey.unit_evidence` looks at, does not show the unit of its rates; its turns do.
+A vehicle that follows its nose turns as its course does. A car hardly tilts, so gravity, which
+:mod:`~sinstool.survey.unit_evidence` uses, does not show the unit of its rates; its turns do.
 """
 
 from __future__ import annotations
@@ -23,37 +23,39 @@ from sinstool.methods.alignment.still import WINDOW_NS, Windows
 
 RECEIVER_CLOCK = "receiver-clock"
 LEAST_OFFSET_S = 0.05
-# Courses are compared over intervals of about this length, s, of those of at most that.
+# Turns of the course are compared over intervals of about the first length, s, and at most the
+# second.
 STEP_S, LONGEST_S = 2.0, 5.0
-# From this speed on, m/s, and so many sigmas of it, there is a course.
+# The least speed with a course, m/s, and in sigmas of the velocity.
 SLOWEST, SIGMAS = 3.0, 5.0
-# Of positions alone: steps of this length at least, m.
+# With positions alone: shortest step between two of them, m.
 SHORTEST_M = 8.0
-# The course turned by this much in all, rad, in so many intervals; the gyro explains this share of
-# its squares; and the ratio of the two is that of an explanation but for this factor.
+# The course is used if it turned by this much in total, rad, in so many intervals, if the gyro
+# explains this share of the squares of its turns, and if the ratio of both differs from that of an
+# explanation by at most this factor.
 LEAST_TURNED, LEAST_STEPS, LEAST_EXPLAINED, NEAR = 1.5, 10, 0.8, 1.4
-# Below this a ratio is that of a wrong scale: late fixes shorten turns, but less. A large one may
-# be that of an aircraft, which in a steep bank turns less about its own axis.
+# A ratio below this is a wrong scale factor; late fixes shorten turns too, but by less. A large one
+# may be that of an aircraft, which in a steep bank turns less about its own axis.
 LEAST_RATIO = 0.65
-# Stamps of two clocks: turns as they are stamped explain at most this share, those at another time
-# within so many s, in steps of so many, at least that.
+# Two clocks: turns as stamped explain at most this share; with an offset of at most so many s,
+# tried in steps of so many, they explain at least that share.
 MISFIT, FARTHEST_S, FINE_S, CLEAR = 0.5, 60.0, 0.5, 0.9
 
 
 @dataclass(frozen=True)
 class CourseEvidence:
-    """Turns of the course over ground against those of the gyro about the vertical.
+    """Turns of the course over ground compared with those of the gyro about the vertical.
 
     Attributes
     ----------
     ratio : float or None
-        How far the course turned for each radian that the gyro did, by least squares: 1 where all
-        is right, 0.017 for rates in deg/s read as rad/s, negative where axes do not belong
-        together. None where the course does not follow the gyro.
+        Turn of the course over that of the gyro, by least squares: 1 if everything is right, 0.017
+        for rates in deg/s read as rad/s, negative if the axes do not belong together. None if the
+        course does not follow the gyro.
     turned_rad : float
-        How far the course turned in all.
+        Sum of the turns of the course.
     explained : float
-        Share of the squares of its turns that the gyro's explain.
+        Share of their squares that the turns of the gyro explain.
     """
 
     ratio: float | None = None
@@ -82,8 +84,8 @@ def receiver_ahead(windows: Windows, gnss: GnssEpochs | None) -> float | None:
     Returns
     -------
     float or None
-        To half a second; None where the turns fit as they are stamped, or no other time fits
-        them clearly better than all others.
+        To half a second; None if the turns fit as stamped, or if no offset explains them clearly
+        better than all others.
     """
     if gnss is None or len(windows) < LEAST_STEPS:
         return None
@@ -186,7 +188,7 @@ def _apart(time_ns: IntArray, good: np.ndarray) -> IntArray:
 
 
 def two_clocks(text: str, ahead: float, options: InputOptions, topic: str) -> Finding:
-    """A receiver whose clock is ahead of the Imu's by some seconds, and the option for it."""
+    """A finding about a receiver whose clock is ahead by some seconds, with the option for it."""
     offset = options.gnss_clock_offset + ahead  # the stamps had the one given taken off
     answer = f"give --gnss-clock-offset {offset:.1f}"
     if abs(offset) < LEAST_OFFSET_S:
@@ -197,12 +199,12 @@ def two_clocks(text: str, ahead: float, options: InputOptions, topic: str) -> Fi
 def course_findings(
     windows: Windows, gnss: GnssEpochs | None, options: InputOptions, topic: str
 ) -> Iterator[Finding]:
-    """Find rates whose unit or sense the course over ground denies.
+    """Find rates whose unit or sign the course over ground contradicts.
 
     Parameters
     ----------
     options : InputOptions
-        A unit that was given is believed.
+        A unit that the user gave is not questioned.
     topic : str
         Of the Imu.
     """

@@ -30,17 +30,17 @@ from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import GAP_INTERVALS, SECOND
 
-# A line goes through the stamps of so long, s, and of at least so many samples.
+# Length of a line through the stamps, s, and its least number of samples.
 LINE_S, LEAST_SAMPLES = 2.0, 64
 # No Imu samples more often than each so many ns: stamps of less are no times.
 LEAST_NS = 10_000.0
-# Samples before and after a long interval that are looked at, at most, and intervals together.
+# Samples compared before and after a long interval, at most, and most intervals compared together.
 MOST_NEARBY, ROWS = 2000, 1000
-# Durations of lines vary by this much of what independent intervals would make of them, at most;
-# an interval counts as no more than so many usual ones.
+# Largest ratio of the variation of the lines' durations to that of independent intervals; an
+# interval counts as at most so many usual ones.
 STEADY, LONGEST = 0.5, 10.0
-# The regression on stamps is 0 for even samples and 1 where stamps are right; it is believed from
-# this many sigmas on. So many samples show it.
+# A regression on the stamps gives 0 for even samples and 1 if the stamps are right: the limit
+# between both, the sigmas from 0 beyond which it counts, and the samples after which it is decided.
 HALF_WAY, BELIEVED, SHOWN = 0.5, 4.0, 200_000
 
 
@@ -53,15 +53,15 @@ class EvenStamps:
     stamp_ns : ndarray, shape (c,)
         Stamp of the first sample of each line, in order.
     count : ndarray, shape (c,)
-        Samples of each.
+        Number of samples of each line.
     time_ns : ndarray, shape (c,)
         Even time of the first sample.
     interval_ns : ndarray, shape (c,)
         From sample to sample.
     gaps : tuple of (int, float)
-        Where samples are missing: the even time before (ns), and for how long, s.
+        Where samples are missing: the even time before the gap, ns, and its length, s.
     jitter_ns, most_ns : float
-        By how much stamps differ from even times: standard deviation, and the most.
+        Differences of stamps from even times: standard deviation, and the largest.
     """
 
     stamp_ns: IntArray
@@ -229,10 +229,10 @@ def _broken_at(
 
 
 def _missing(stamp_ns: IntArray, late: FloatArray, interval_ns: float, nearby: int) -> IntArray:
-    """First samples after gaps: from there on even the promptest are later than any before.
+    """First samples after gaps: from there on all are later than the promptest before.
 
-    A stall of the computer makes one long interval, too, but what waited comes at once. So many
-    samples before and after show it.
+    A stall of the computer makes one long interval too, but then the samples that waited arrive at
+    once.
     """
     rows = np.flatnonzero(np.diff(stamp_ns) > GAP_INTERVALS * interval_ns) + 1
     limit = (GAP_INTERVALS - 1.0) * interval_ns
@@ -254,7 +254,7 @@ def _missing(stamp_ns: IntArray, late: FloatArray, interval_ns: float, nearby: i
 
 
 def _steady(even: EvenStamps, stamp_ns: IntArray) -> bool:
-    """Whether what stamps are late by does not add up from sample to sample."""
+    """Whether delays of stamps do not add up from sample to sample."""
     whole = even.count >= LEAST_SAMPLES
     steps = np.minimum(np.diff(stamp_ns), LONGEST * even.usual_ns)
     if whole.sum() < 2:
@@ -264,7 +264,7 @@ def _steady(even: EvenStamps, stamp_ns: IntArray) -> bool:
 
 
 def _right(even: EvenStamps, imu: Imu, increments: bool) -> bool:
-    """Whether samples belong to their stamps: by the change of the rates where stamps vary."""
+    """Whether the rates follow the stamps: by their change where intervals vary."""
     (block,) = even.applied([imu])
     late = (imu.time_ns - block.time_ns) / SECOND
     interval = even.usual_ns / SECOND

@@ -77,7 +77,7 @@ def read_gnss(
     fixes = receiver.stream
     if fixes is not None:
         _check_range(log, receiver.topic, fixes)
-        # a filter that starts at a damaged one would have to believe it
+        # a filter that starts at a damaged one could not tell
         what = "fixes are not on Earth; left out"
         fixes, more = only(fixes, fixes.on_earth, receiver.topic, "not-on-earth", what)
         findings += more
@@ -89,7 +89,7 @@ def read_gnss(
         read = next((c.stream for c in candidates if c.stream is not None), None)
         _check_degrees(log, receiver.topic, fixes, read)
     named = options.velocity_topic is not None
-    chosen, more = _believed_velocity(candidates, receiver.topic, named)
+    chosen, more = _chosen_velocity(candidates, receiver.topic, named)
     findings += more
     velocity = chosen.stream
     for what, one, number, name in (
@@ -162,7 +162,7 @@ def _best_receiver(
 ) -> tuple[_Read[Gnss], list[Finding]]:
     """The receiver of several with fixes nearly all the time and the smallest claimed noise.
 
-    Those that claim about the same are told apart by a velocity topic beside theirs, then by rate.
+    Of those with about the same noise, one with a velocity topic is preferred, then a faster one.
     """
     seconds = {
         r.topic: 0 if r.stream is None else len(set((r.stream.time_ns // SECOND).tolist()))
@@ -207,7 +207,7 @@ def _velocities(
     log_time: bool,
     until_ns: int | None,
 ) -> _Read[Velocity]:
-    """Velocities of a topic, held against the fixes."""
+    """Velocities of a topic, compared with the fixes."""
     blocks = until(_stamped(read_velocity(log, channels, Losses()), options), until_ns)
     velocity, findings = in_order(blocks, log_time, topic)
     if velocity is not None:
@@ -227,7 +227,7 @@ def _velocities(
     return _Read(topic, velocity, tuple(findings), fits, frame)
 
 
-def _believed_velocity(
+def _chosen_velocity(
     candidates: list[_Read[Velocity]], fix_topic: str, named: bool
 ) -> tuple[_Read[Velocity], list[Finding]]:
     """The velocity to use, and findings about those left out.

@@ -26,12 +26,12 @@ from sinstool.survey.source import Source
 if TYPE_CHECKING:
     from sinstool.methods.allan.coefficients import ImuNoise
 
-# Steps between values that are so many times the noise hide it.
+# Steps between values larger than this many times the noise hide it.
 COARSE = 2.0
-REST_S = 30.0  # of a rest whose mean is believed
-BRIEF_REST_S = 10.0  # and of one that it is believed of where no GNSS may show otherwise
-CHANCE_SIGMAS = 2.0  # of the noise of a rest's mean: what may be chance
-LIKELIER = 0.5  # probability
+REST_S = 30.0  # shortest rest whose mean rate is a bias
+BRIEF_REST_S = 10.0  # the same in a log without GNSS, which could show that it is none
+CHANCE_SIGMAS = 2.0  # a bias may be larger by so many sigmas of the noise at rest
+LIKELIER = 0.5  # probability of a bare chip from which on an Imu is taken for one
 # Gyros with the noise of tactical or navigation grade may be MEMS, or badly calibrated,
 # but no data sheet allows them a bias beyond this, rad/s.
 LARGEST_BIAS: dict[Grade, float] = {"tactical": 5e-3, "navigation": 1e-3}
@@ -43,14 +43,19 @@ class ImuGrade:
 
     Attributes
     ----------
+    grade : str
+        ``consumer``, ``mems``, ``industrial``, ``tactical`` or ``navigation``.
+    why : str
+        The reason, as the end of a sentence.
     by_drift : bool
-        Judged by its drift where fixes are left out: its noise at rest is that of a vehicle.
-    aligned_as : Grade or None
-        That of its first attitude, where it is another: drift says little of biases, which an
-        alignment has to allow for.
+        Whether it was judged by the drift without fixes: its noise at rest is then that of the
+        vehicle.
+    aligned_as : str or None
+        Grade with which the first attitude was found, if it is another: drift says little of
+        biases, which an alignment has to allow for.
     uncalibrated : float or None
-        How far a low-cost Imu is from a calibrated one, 0, and near to a bare chip, 1, in powers of
-        what a calibration takes off; None: as its grade has it.
+        Position of a low-cost IMU between a calibrated one, 0, and a bare chip, 1, in powers of
+        what a calibration takes off; None if it is not judged.
     """
 
     grade: Grade
@@ -61,7 +66,7 @@ class ImuGrade:
 
 
 def to_align_as(config: ProcessConfig, grade: ImuGrade) -> ProcessConfig:
-    """A configuration that says to an alignment how good the Imu is."""
+    """A configuration for an alignment with this grade."""
     aligned_as = grade.aligned_as or grade.grade
     options = config.navigation.model_copy(update={"imu_grade": aligned_as})
     return config.model_copy(update={"navigation": options})
@@ -124,8 +129,8 @@ def random_walk(source: Source, least_s: float = 0.0) -> float | None:
 def _hides_noise(source: Source, config: ProcessConfig) -> bool:
     """Whether the resolution of the gyros is too coarse for their noise at rest to show.
 
-    Quantised rates that hardly ever change have no scatter, however noisy and biased the gyro.
-    Counts of angle, as laser gyros give, add up to the angle all the same.
+    Quantised rates that hardly change have no scatter, however noisy and biased the gyro is. Counts
+    of angle, as of laser gyros, are not affected: their sum is the angle.
     """
     if random_walks(source) is None or config.input.sample_kind == "increment":
         return False
@@ -144,10 +149,10 @@ def largest_bias(source: Source, config: ProcessConfig) -> float:
 def bias_at_rest(source: Source) -> float | None:
     """Length of the gyro's bias at rest, rad/s, less the possible part of the Earth's rate.
 
-    The longest rest of half a minute at which GNSS, where the log has it, does not move; None
-    where there is none. Steady flight, which passes for rest, does not count. In a log without GNSS
-    shorter rests count, too: of all of them the smallest rate, as one or the other may be a turn.
-    What the noise of a rest makes of its mean, an idling engine's above all, is no bias.
+    From the longest rest of half a minute in which GNSS, if the log has it, does not move; None
+    without one. Steady flight, which looks like rest, does not count. In a log without GNSS shorter
+    rests count too, and the smallest rate of all, as any of them may be a turn. The uncertainty of
+    the mean by the noise at rest, above all of an idling engine, is subtracted.
     """
     still = longest_rest(source.survey.spans, source.aiding.gnss)
     if still is not None and still.duration_s >= REST_S:
@@ -164,7 +169,7 @@ def bias_at_rest(source: Source) -> float | None:
 
 
 def _small_bias(source: Source) -> bool:
-    """Whether a rest, however short, shows that the gyros' bias is about a tactical one at most."""
+    """Whether any rest shows that the gyros' bias is at most about that of a tactical one."""
     still = longest_rest(source.survey.spans, source.aiding.gnss)
     if still is None:
         return False
@@ -174,11 +179,11 @@ def _small_bias(source: Source) -> bool:
 
 
 def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
-    """Grade of the IMU, and why.
+    """Grade of the IMU, and the reason.
 
-    Without a rest to judge by the sensors are taken for MEMS: too much caution costs accuracy,
-    too little the truth of every sigma. MEMS whose rest shows a bias that is more likely that of a
-    bare chip are of a consumer's grade.
+    Without a rest the sensors count as MEMS: sigmas that are too large cost accuracy, sigmas that
+    are too small are wrong. MEMS whose bias at rest is more likely that of a bare chip are of the
+    grade ``consumer``.
     """
     if config.navigation.imu_grade != "auto":
         return ImuGrade(config.navigation.imu_grade, "as configured")

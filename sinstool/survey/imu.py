@@ -42,15 +42,16 @@ from sinstool.survey.unit_evidence import UnitEvidence, unit_evidence
 
 BLOCK_ROWS = 16384
 BURSTY_SHARE = 0.05
-# Several samples at the largest value are a stop, unless as many are just below it, as where a slow
-# motion turns back, or the axis is always about there. But if its values otherwise change from
-# sample to sample, nothing else than a stop holds one for so many.
+# Several consecutive samples at the largest value are a stop, unless as many are just below it, as
+# where a slow motion turns back, or the axis is always near it. But where its values otherwise
+# change from sample to sample, only a stop holds one of them for HELD_RUN samples.
 SATURATION_RUN = 3
 SATURATION_RATIO = 2.0
 HELD_RUN, CHANGING = 20, 0.5
-# Behind a calibration the values at the end of a range are not all the same, but close together: so
-# many times as many as there are below, and so many on end, in the mean of so many times. Of a sine
-# 0.8 times as many lie there, and the steps to them are twice those from one to another.
+# After a calibration the values at the end of a range are not all the same, but close together: at
+# least CROWDED times as many as below them, in runs of CROWDED_RUN in the mean, at CROWDED_TIMES
+# occasions. Of a sine 0.8 times as many lie there, and the steps to them are twice those from one
+# to another.
 CROWDED, CROWDED_RUN, CROWDED_TIMES, CROWDED_STEP = 1.5, 3.0, 3.0, 4.0
 # A clock was set back where samples alternate between two times this often for each step back.
 SET_BACK_RATIO = 10

@@ -1,7 +1,7 @@
 """Anomalies of a log, in words, each with the option that deals with it.
 
-`info` lists all of it; `process` refuses what would make its result wrong and repeats the
-rest as warnings.
+`info` lists all of them; `process` refuses a log with one that would make its result wrong, and
+repeats the others as warnings.
 """
 
 from __future__ import annotations
@@ -32,30 +32,31 @@ MIN_RATE_HZ = 10.0
 CLOCK_OFFSET_S = 1.0
 CLOCK_WANDER_S = 0.5
 HELD_SHARE = 0.05
-# Of the mean specific force of a log in motion that shows where gravity is, g.
+# Least mean specific force of a log in motion that shows the direction of gravity, g.
 LEAST_GRAVITY = 0.7
-# m/s^2: less is no gravity, read as it is; and how near to gravity increments come by it.
+# A specific force below this, m/s^2, does not contain gravity; increments over their intervals are
+# within this share of gravity.
 WEIGHTLESS = 0.8
 INCREMENT = 0.05
-# Of the mean specific force of half a second, as a rule, m/s^2.
+# Usual range of the mean specific force of half a second, m/s^2.
 GRAVITY_SIZES = 7.0, 13.0
-# Rates of a moving vehicle that never exceed this, deg/s, are suspect; and how much the mean
-# specific force of half a second varies in motion, as a share of its size.
+# Rates of a moving vehicle that never exceed this, deg/s, are suspect; and the least variation of
+# the mean specific force of half a second in motion, as a share of its size.
 SLOW_DEG_S = 3.0
 MOVING = 0.01
-# Of gyros, deg/s; the smallest of usual ones is 125.
+# Least range of gyros, deg/s; usual ones have 125 and more.
 SMALLEST_RANGE_DEG_S = 70.0
-# A rate that was given is another than that of the stamps, by this share.
+# Relative difference of --imu-rate from the rate of the stamps that is reported.
 OTHER_RATE = 0.05
 
 
 def oddities(survey: Survey, options: InputOptions) -> list[Finding]:
-    """All anomalies of a survey, the fatal first.
+    """All anomalies of a survey, the fatal ones first.
 
     Parameters
     ----------
     options : InputOptions
-        What the user said about units and axes: a unit that was given is believed.
+        Units and axes; those that the user gave are not questioned.
     """
     odd = chain(_units(survey, options), _time(survey, options), _values(survey, options))
     findings = (replace(one, topic=survey.topic) for one in odd)
@@ -220,10 +221,11 @@ def _rate(s: Survey, options: InputOptions) -> float:
 
 def _looks_like_rates(s: Survey, options: InputOptions) -> bool:
     """Whether increments over their intervals must be specific forces, in m/s^2 or in g."""
-    if options.accel_unit is not None or 7.0 < s.specific_force_median < 13.0:
+    low, high = GRAVITY_SIZES
+    if options.accel_unit is not None or low < s.specific_force_median < high:
         return False
     force = s.specific_force_median / _rate(s, options)
-    return 7.0 < force < 13.0 or accel_looks_like_g(force)
+    return low < force < high or accel_looks_like_g(force)
 
 
 def _looks_like_increments(s: Survey, options: InputOptions) -> bool:

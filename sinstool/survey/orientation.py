@@ -15,12 +15,12 @@ from sinstool.core.rotation import conjugate, log, multiply, rotate
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.alignment.still import WINDOW_NS, Windows
 
-# Windows tell of gravity whose specific force is of its size to this, and turns slower than
-# rad/s; so many are needed, or fewer, where the log has no more, at rest.
+# Windows show gravity where the specific force has its size to this share, and the rate is lower
+# than this, rad/s; at least this many are needed.
 OF_SIZE, SLOW, LEAST = 0.1, 0.5, 2
 TILT = 20.0 * DEGREE
-# Turns from window to window tell that vary by this and are no more than that, rad: what is left of
-# both squares where they do not agree.
+# Turns between windows are compared where their rms is at least this and none exceeds this, rad; at
+# least this many. They disagree if this share of the squares of both remains.
 LEAST_TURN, MOST_TURN, TURNS, LEFT = 0.05, 1.0, 6, 0.5
 LIKELY = "other axes, or its numbers are in another order"
 
@@ -42,7 +42,7 @@ class OrientationFault:
 def orientation_fault(
     orientations: Mapping[int, np.ndarray], first_ns: int, windows: Windows
 ) -> OrientationFault | None:
-    """Hold orientations against the specific force and the rates of the same windows.
+    """Compare orientations with the specific force and the rates of the same windows.
 
     Parameters
     ----------

@@ -17,13 +17,13 @@ from sinstool.survey.rest import moving_at
 # A window is louder than the quiet ones by this factor, beyond the scatter of so few samples.
 LOUD = 1.6
 SCATTER = 6.0
-# Of all still windows this share is quieter than what counts as quiet.
+# The quantile of all still windows that defines the noise of a quiet one.
 QUIET_SHARE = 0.25
 # Shorter stretches show little, and their ends are the end of one motion and the start of another.
 SHORTEST_S = 5.0
-# Gravity follows the gyro by at least this share of what it says, and so many sigmas.
+# Sway: gravity follows the gyro by at least this share of its turn, and by so many sigmas.
 SWAY_SHARE, SWAY_SIGMAS = 0.2, 6.0
-# Of many stretches the longest: a hundred pauses tell all that there is.
+# Only the longest stretches are used: a hundred show the noise.
 MOST = 100
 
 
@@ -34,9 +34,9 @@ class Stretch:
     Attributes
     ----------
     samples : int
-        At most so many.
+        Largest possible number of samples in it.
     gyro, accel : ndarray, shape (3,)
-        About their means.
+        Approximate means.
     """
 
     start_ns: int
@@ -145,15 +145,15 @@ def _without_gaps(windows: Windows, first: int, last: int, gaps: np.ndarray) -> 
 
 
 def sway(survey: Survey, stretches: tuple[Stretch, ...]) -> float:
-    """Rate, rad/s, root mean square, by which a sensor at rest turns all the same.
+    """RMS rate, rad/s, at which a sensor that seems at rest turns.
 
-    Noise of a gyro has nothing to do with that of an accelerometer. Where the direction of gravity
-    changes as the gyro says, the sensor turns: on a mooring, in the wind, on a soft suspension.
+    Noise of a gyro and of an accelerometer are independent. If the direction of gravity changes as
+    the gyro measures, the sensor turns: on a mooring, in the wind, on a soft suspension.
 
     Returns
     -------
     float
-        0 where both are independent, as far as can be seen.
+        0 if both seem independent.
     """
     windows = survey.windows
     said, done = [], []

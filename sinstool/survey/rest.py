@@ -19,34 +19,36 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.still import WINDOW_NS, StillSpan, Windows, span_of
 
-# Faster than this by GNSS, or further by fixes alone, is no rest, however still the Imu seems;
-# beyond so many sigmas of what the receiver says of itself, m where it says nothing.
+# What moves faster than this by GNSS, or further by fixes alone, is not at rest, however still the
+# Imu seems; nor beyond this many sigmas that the receiver states, or the assumed one, m.
 MOVING_M_S = 1.0
 MOVING_M = 30.0
 SIGMAS = 4.0
 UNKNOWN_SIGMA_M = 5.0  # of a fix without its own sigma
-# Epochs beside a span at the log's end that has none of its own, and how far in time, s, the
-# nearest of them may be.
+# A span at the start or end of the log without epochs takes this many beside it, if the nearest is
+# not further in time than this, s.
 BESIDE, BESIDE_S = 10, 60.0
-# Rests shorter than this say little of a bias, s.
+# Rests shorter than this do not show a bias, s.
 REST_S = 2.0
 # Gyro biases change by less than this within a log, rad/s: chips by 0.03 deg/s for each kelvin.
 BIAS_CHANGE = 0.0175
 # Fixes this far apart show a speed, s.
 APART_S = 5.0
-# A rest goes on after a knock of at most so many seconds that changed neither velocity, m/s, nor
-# attitude, rad, nor the specific force, m/s^2, by more than this.
+# A rest continues after a knock of at most KNOCK_S that changed velocity, m/s, attitude, rad, and
+# specific force, m/s^2, by no more than this.
 KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE = 30.0, 0.5, 0.05, 0.15
-# Fixes of a rest further than this from where the vehicle stands, m, and further than chance takes
-# one of them with such a probability, and those of some seconds more, are of a receiver that has
-# not settled; of its second half so many say where that is, of which such a share may be bad ones.
+# Fixes at rest further than UNSETTLED_M, m, from where the vehicle stands, and further than noise
+# takes one of them with the probability CHANCE, show that the receiver had not settled; fixes until
+# a few seconds later are left out, too. The second half of the rest shows where the vehicle stands,
+# if it has LEAST_FIXES, of which at most the share MOST_FAR may be far.
 UNSETTLED_M, CHANCE = 10.0, 0.01
 LEAST_FIXES = 10
 MOST_FAR = 0.1
-# Where an engine shakes the Imu at the beginning: its first fix comes within, fixes need to show a
-# motion that has begun, and a rest lasts for at least, s; the means of so many windows are alike to
-# within rad/s and m/s^2 beside their noise; of a vehicle that stands velocities are less than m/s,
-# and fixes, which wander by more than they state, within m of the others.
+# Rest at the beginning in which an engine shakes the Imu, s: its first fix comes within
+# FIRST_FIX_S, fixes need MOVED_OFF_S to show that a motion has begun, and it lasts for
+# LEAST_SHAKEN_S or longer. Means of ALIKE windows agree to SHAKEN_RATE, rad/s, and SHAKEN_FORCE,
+# m/s^2, beside their noise. A vehicle that stands has velocities below STANDING_M_S and fixes,
+# which wander by more than their sigmas, within STANDING_M of the others.
 FIRST_FIX_S, MOVED_OFF_S, LEAST_SHAKEN_S = 5.0, 4.0, 10.0
 ALIKE, SHAKEN_RATE, SHAKEN_FORCE = 4, 0.005, 0.15
 STANDING_M_S, STANDING_M = 0.3, 3.0
@@ -83,8 +85,8 @@ def rest_end(lead_in: StillSpan, spans: tuple[StillSpan, ...], windows: Windows)
 def shaken_rest(windows: Windows, gnss: GnssEpochs, first_ns: int) -> StillSpan | None:
     """The rest at the beginning of a log in which an engine shakes the Imu; None without one.
 
-    Fixes stand, and what vibration leaves of the Imu's means stays: neither is enough alone, as
-    fixes do not show how a vehicle rocks, and slow motion feels like rest.
+    The fixes stay in place, and so do the means of the Imu beside vibration. Neither is enough
+    alone: fixes do not show how a vehicle rocks, and slow motion looks like rest to the Imu.
 
     Parameters
     ----------
@@ -97,7 +99,7 @@ def shaken_rest(windows: Windows, gnss: GnssEpochs, first_ns: int) -> StillSpan 
     stands = _stand(fixes)
     if not stands:
         return None
-    # Fixes are few, and need some time to show that a vehicle has moved off
+    # Fixes are few, and take some time to show that a vehicle has moved off
     last_ns = int(fixes.time_ns[stands - 1]) - round(MOVED_OFF_S * SECOND)
     end = int(np.searchsorted(windows.start_ns + WINDOW_NS, last_ns))
     end = _stay(windows, end)
@@ -107,7 +109,7 @@ def shaken_rest(windows: Windows, gnss: GnssEpochs, first_ns: int) -> StillSpan 
 
 
 def _stand(fixes: GnssEpochs) -> int:
-    """How many of the first fixes are where those before them are, and say that they stand."""
+    """How many of the first fixes agree with the mean of those before them and show no speed."""
     north, east = _metres(fixes, slice(None))
     before = np.arange(1, len(fixes))
     off = np.zeros(len(fixes))
@@ -122,18 +124,18 @@ def _stand(fixes: GnssEpochs) -> int:
     count = int(np.argmax(moved)) if moved.any() else len(fixes)
     halves = (slice(0, count // 2), slice(count // 2, count))
     way = [median(values[halves[1]]) - median(values[halves[0]]) for values in (north, east)]
-    # What creeps is within the noise of the next fix for long
+    # A vehicle that creeps stays within the noise of the next fix for long
     return count if count >= LEAST_FIXES and np.hypot(*way) < STANDING_M else 0
 
 
 def _stay(windows: Windows, end: int) -> int:
-    """How many of the first windows, up to `end`, have the means of those before them."""
+    """How many of the first windows, up to `end`, have the mean of those before them."""
     rows = slice(0, end - end % ALIKE)
     count = windows.count[rows].reshape(-1, ALIKE).sum(axis=1)
     if len(count) < 2 or (np.diff(windows.start_ns[:end]) != WINDOW_NS).any():
         return 0
     stays = np.ones(len(count), np.bool_)
-    # What is slower than vibration is motion: a multicopter hovers where it is
+    # What is slower than vibration is motion: a multicopter may hover at one place
     for mean, fast, step in (
         (windows.gyro, windows.gyro_fast, SHAKEN_RATE),
         (windows.accel, windows.accel_fast, SHAKEN_FORCE),
@@ -147,13 +149,13 @@ def _stay(windows: Windows, end: int) -> int:
 
 
 def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | None:
-    """Speed that GNSS shows in a span of time, m/s; None where it shows none that is sure.
+    """Speed that GNSS shows in a span of time, m/s; None where it shows no sure motion.
 
     Parameters
     ----------
     gnss : GnssEpochs or None
-        Where it is silent in the span, the epochs before and after tell by their distance; at
-        the log's ends those of one side by their speed, if they are near in time.
+        Without epochs in the span, those before and after show motion by their distance; at the
+        start and end of the log those on one side by their speed, if they are near in time.
     """
     if gnss is None:
         return None
@@ -185,7 +187,7 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     noise = SIGMAS * _usual(fixed.sigma_position_n, UNKNOWN_SIGMA_M)
     if speed * float(time[-1]) > max(MOVING_M, noise) and speed > MOVING_M_S:
         return speed
-    # Who drives in circles is back where he was, but not within seconds
+    # What moves in a circle returns to its start, but not within seconds
     apart = float(median(np.linalg.norm(way, axis=0)))
     return apart / APART_S if apart > max(MOVING_M, 2.0 * noise) else None
 
@@ -193,7 +195,7 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
 def _median_speed_of_means(gnss: GnssEpochs) -> float:
     """Median horizontal speed of the means of velocity over `APART_S`, m/s.
 
-    Noise drops out of the means, and a vehicle in a circle keeps its speed.
+    Means have less noise, and that of a vehicle in a circle keeps its speed.
     """
     piece = (gnss.time_ns - gnss.time_ns[0]) // round(APART_S * SECOND)
     first = np.flatnonzero(np.diff(piece, prepend=-1))
@@ -215,7 +217,7 @@ def longest_rest(spans: Iterable[StillSpan], gnss: GnssEpochs | None) -> StillSp
     the smaller.
     """
     long = [span for span in spans if span.duration_s >= REST_S]
-    # The longest first, as how a span moves is what takes time
+    # The longest first, as testing a span for motion takes time
     for span in sorted(long, key=lambda span: -span.duration_s):
         if moving_at(gnss, span.start_ns, span.end_ns) is None:
             return longest_rest(calmer(long, span), gnss) or span
@@ -237,7 +239,7 @@ def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, l
     Parameters
     ----------
     start_ns, end_ns : int
-        Of the rest, in which GNSS does not move.
+        Of the rest, in which GNSS shows no motion.
     """
     resting = (gnss.time_ns >= start_ns) & (gnss.time_ns <= end_ns)
     late = resting & gnss.has_position & (gnss.time_ns >= (start_ns + end_ns) // 2)
@@ -246,11 +248,11 @@ def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, l
     north, east = _metres(gnss, slice(None))
     off = np.hypot(north - median(north[late]), east - median(east[late]))
     sigma = np.nan_to_num(gnss.sigma_position_n[:, :2].max(axis=1), nan=UNKNOWN_SIGMA_M)
-    # As far as the farthest of so many is by chance, of two axes with the same sigma
+    # The distance of the farthest of so many by chance, of two axes with the same sigma
     beyond = max(SIGMAS, np.sqrt(2.0 * np.log(np.count_nonzero(resting) / CHANCE)))
     far = off > np.maximum(UNSETTLED_M, beyond * sigma)
     wrong = resting & ~late & far
-    # A receiver that is off until the end has not settled at all
+    # A receiver that is wrong until the end has not settled at all
     if not wrong.any() or np.mean(far[late]) > MOST_FAR:
         return gnss, []
     last = gnss.time_ns[np.flatnonzero(wrong)[-1]] + round(APART_S * SECOND)

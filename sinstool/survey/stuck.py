@@ -10,11 +10,11 @@ from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.survey.velocity import usual_noise
 
-# So many fixes alike to the last bit in a row may be a fix that is sent again.
+# This many consecutive fixes that are equal to the last bit may be one fix sent again.
 LEAST_ALIKE = 3
-# A receiver that holds its position at rest lets go of it by a few of its sigmas, and slowly; one
-# that hangs leaps: so many sigmas, so many times what it then moves from fix to fix, and so fast in
-# the mean, m/s.
+# A receiver that holds its position at rest releases it by a few of its sigmas, and slowly; one
+# that hangs jumps: by this many sigmas, this many times the usual step afterwards, and at this mean
+# speed, m/s.
 LEAP_SIGMAS, LEAP_STEPS, LEAP_SPEED = 5.0, 3.0, 0.3
 
 

@@ -22,12 +22,12 @@ _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_LISTED = 1000
 # Columns: see `_extremes`
 _NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0]
-# Values are just below the largest if so many steps below it at most.
+# Values within this many steps of the largest are just below it.
 NEAR_STEPS = 8.0
-# A calibration spreads the end of a gyro's range by so much, as a fraction of the largest value;
-# how many values are usual there is seen in those below it.
+# A calibration spreads the end of a gyro's range: values above CROWD, as a share of the largest,
+# are at the end, and those from BELOW_CROWD to it show how many values are usual there.
 CROWD, BELOW_CROWD = 0.98, 0.90
-# Orientations are kept for so long, one of each window, to be held against the other sensors.
+# Orientations are kept of this long, one of each window, to be compared with the other sensors.
 ORIENTED_NS = 20_000_000_000
 
 

@@ -11,27 +11,31 @@ from sinstool.core.order_statistics import median
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.alignment.still import UNITS, WINDOW_NS, Windows
 
-# Two readings of the gyro are distinguished where they predict tilts that differ by this much.
+# Readings of the gyro in rad/s and deg/s are distinguished if the tilts that they predict differ by
+# this.
 TELLING_RAD = 0.1
 TELLING_WINDOWS = 10
 TELLING_SHARE = 0.6
-# Over a piece of this many windows velocity hardly changes beside what gravity adds to it.
+# Number of windows in a piece over which velocity changes little compared with gravity times its
+# length.
 PIECE, SHORTEST_PIECE = 40, 20
-# Rates in the wrong unit keep the mean specific force of pieces from being gravity by more than
-# this share of it, and so many times as badly as those in the right one, which keep it to a share;
-# a gyro that saturates, or a rocket, keeps it with neither.
+# Limits for the mean specific force of pieces, rotated by the rates: with the wrong unit its size
+# differs from gravity by more than this share, and by so many times the difference with the right
+# unit, which is below a share. With a saturated gyro, or in a rocket, neither unit gives gravity.
 LEAST_MISFIT = 0.06
 WORSE, KEPT = 3.0, 0.15
-# Where both keep it as well as an accelerometer with a bias can, misfits differ by less than this.
+# Both units are possible if their misfits differ by less than this, which a bias of the
+# accelerometer explains.
 ALIKE = 1.5
-# Gravity turns 57 times what rates in rad/s, taken for deg/s, say: this lies half-way in ratio.
+# If rates in rad/s are converted from deg/s by mistake, gravity turns 57 times as far as they say:
+# the limit is the geometric mean.
 RADIANS_SCALE = 7.5
-# Half-second means of rates of this size, RMS, are those of vehicles that turn about. In deg/s they
-# would be those of one that hardly does.
+# RMS of half-second means of rates of a vehicle that turns about. If such rates are in deg/s, the
+# vehicle hardly turns.
 LIVELY_RAD_S = 0.7
-# Means of this size, rad/s, RMS, are those of a spin that few vehicles have: 290 deg/s.
+# RMS of half-second means, rad/s, of a spin that few vehicles have: 290 deg/s.
 SPINNING_RAD_S = 5.0
-# So many windows that turn most evenly show a bias, if the vehicle ever rests.
+# Number of the most even windows whose mean shows a bias, if the vehicle rests in them.
 QUIETEST = 4
 # No IMU measures 100 rad/s (5 700 deg/s); many reach 100 deg/s.
 MAX_RATE_RAD_S = 100.0
@@ -44,20 +48,20 @@ class UnitEvidence:
     Attributes
     ----------
     scale : float
-        How far gravity turned for each unit of what the rates say in deg/s, by least squares:
-        1 for deg/s, up to 57.3 for rad/s, 0 where nothing tilts or thrust hides it.
+        Turn of gravity over that of rates in deg/s, by least squares: 1 for deg/s, up to 57.3 for
+        rad/s, 0 if nothing tilts or thrust hides it.
     sigma : float
-        Its standard deviation; infinite where nothing is known.
+        Its standard deviation; infinite without evidence.
     windows : int
-        Telling pairs of windows: the two readings predict clearly different directions.
+        Pairs of windows for which both readings predict clearly different directions.
     share : float
-        Of those, the ones that deg/s explains better.
+        Share of these that deg/s explains better.
     misfit_radians, misfit_degrees : float
-        How far from that of gravity the size of the mean specific force of twenty seconds is in
-        axes that do not turn, by rates in rad/s and in deg/s, as a share of gravity, RMS of all
-        pieces; NaN in a log that is too short.
+        Difference of the mean specific force of twenty seconds, in axes that do not turn, from
+        gravity, as a share of gravity, RMS over all pieces, with rates in rad/s and in deg/s;
+        NaN if the log is too short.
     rate : float
-        RMS of the windows' mean rates as they were read, rad/s.
+        RMS of the windows' mean rates as read, rad/s.
     """
 
     scale: float = 0.0
@@ -81,10 +85,10 @@ class UnitEvidence:
 def unit_evidence(windows: Windows) -> UnitEvidence:
     """Compare the rotation of gravity with the gyro, in rad/s and in deg/s.
 
-    In windows half a second apart the direction of the mean specific force turns by what the
-    gyro measured, as far as the vehicle does not accelerate. Where it does, be it for minutes as
-    an aircraft that circles, what remains is that over twenty seconds its velocity changes little:
-    turned by the right rates, sample by sample, the mean specific force of all of them is gravity.
+    From one half second to the next the direction of the mean specific force turns as the gyro
+    measures, if the vehicle does not accelerate. Even if it does, for minutes as a circling
+    aircraft, its velocity changes little in twenty seconds: the mean specific force, rotated sample
+    by sample with the right rates, is then gravity.
 
     Parameters
     ----------
@@ -169,11 +173,12 @@ def _misfits(windows: Windows) -> list[float]:
 
 
 def turns_like_degrees(evidence: UnitEvidence) -> bool:
-    """Whether gravity turns in the body as rates in deg/s say, or those in rad/s do not keep it.
+    """Whether gravity turns as rates in deg/s say, or rates in rad/s do not explain gravity.
 
-    The scale alone would be fooled by a spin that is faster than the windows resolve; both by
-    a vehicle that circles or leans in coordination, whose specific force stays on its own axis:
-    there it counts that rates in rad/s keep gravity although they turn far, or hardly worse.
+    The scale alone would be wrong in a spin too fast for the windows; both tests would be in a
+    vehicle that circles or leans in coordination, whose specific force stays on its own axis: there
+    rates in rad/s must also fail to explain gravity although they turn far, or explain it hardly
+    worse.
     """
     e = evidence
     if e.windows < TELLING_WINDOWS:

@@ -21,17 +21,18 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.survey.rest import UNKNOWN_SIGMA_M
 
-# Ways that are compared: of this length, m, and of so many sigmas of a fix; a quarter of them off
-# by such a share of their length contradict. Noise and stamps explain less of long ones.
+# Displacements of at least this length, m, and so many sigmas of a fix are compared; a velocity
+# contradicts the fixes if a quarter of them differ by this share of their length. Noise and stamps
+# explain less of long ones.
 LONG, SHORT = (100.0, 100.0, 0.25), (10.0, 20.0, 0.5)
 QUARTILE = 0.75
-# They end within this time, s, and are so many at least.
+# Displacements take at most this time, s, and there are at least so many.
 LONGEST_S, LEAST = 120.0, 5
 # Samples further apart than this are not integrated across, s.
 APART_S = 2.0
-# Fixes to either side that the difference of a fix and the velocity's integral is a median of.
+# Fixes on either side for the running median of fix less integrated velocity.
 AROUND = 2
-# What is left of the ways' squares where an explanation holds.
+# Share of the squares that an explanation of a misfit may leave.
 EXPLAINED = 0.1
 BODY_FRAMES = ("base_link", "base_footprint", "base", "body")
 WORLD_FRAMES = ("map", "world", "earth", "enu", "utm")
@@ -44,12 +45,12 @@ class Agreement:
     Attributes
     ----------
     misfit : float or None
-        Difference of the ways over their length, which three of four do not exceed; None where
-        too little way was covered to tell.
+        Difference of displacements over their length, the upper quartile; None if the vehicle
+        moved too little.
     contradicts : bool
-        It cannot be the velocity of the fixes.
+        Whether it cannot be the velocity of the fixes.
     likeness : str
-        What the velocity looks like where it contradicts.
+        What a velocity that contradicts looks like, in words.
     """
 
     misfit: float | None = None
@@ -58,7 +59,7 @@ class Agreement:
 
 
 def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
-    """Hold the integral of a velocity against the differences of fixes.
+    """Compare the integral of a velocity with the displacements of fixes.
 
     Parameters
     ----------

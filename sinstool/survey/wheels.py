@@ -2,7 +2,7 @@
 
 Wheels have no type of message of their own. Odometry, twists and joints are taken for wheels where
 they hold forward speed alone, which no filter's output does, and where it is the speed of the fixes
-but for a factor. Commands look alike, and are told by their names.
+but for a factor. Commands look the same, and are recognised by their names.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def read_wheels(
     Parameters
     ----------
     gnss : GnssEpochs or None
-        What speeds are held against.
+        The speeds are compared with it.
     taken : str, optional
         The topic that is the velocity over ground already.
     log_time : bool

@@ -3,7 +3,8 @@
 from types import SimpleNamespace
 
 from sinstool.methods.ins_gnss.withheld import Outage
-from sinstool.pipelines.process.summary import TurntableStretch, WithheldScores
+from sinstool.pipelines.process.filter_used import WithheldScores
+from sinstool.pipelines.process.hse_used import TurntableStretch
 from sinstool.report.pages import process as process_report
 
 T0 = 1_700_000_000_000_000_000

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
 import sys
+from dataclasses import dataclass
 from html.parser import HTMLParser
 
 import pytest
 
 import sinstool
+from docsite.json_keys import RESULTS, json_keys, rows
 from docsite.mathml import equations
 from docsite.python_api import python_api
 from docsite.reference import options
@@ -124,6 +127,50 @@ def test_search_works_from_a_folder(site, tmp_path):
         page.unlink()
     assert re.search(r"<title>found \d+</title>", shown.stdout), shown.stderr[-2000:]
     assert "Uncaught" not in shown.stderr
+
+
+def keys_of(value, prefix=""):
+    """Keys of an object and of the objects in it, as the documentation writes them."""
+    if isinstance(value, dict):
+        for key, part in value.items():
+            yield prefix + key
+            yield from keys_of(part, f"{prefix}{key}.")
+    elif isinstance(value, list):
+        for part in value:
+            yield from keys_of(part, f"{prefix.removesuffix('.')}[].")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("process", "-o", "out.mcap", "--height-damping", "baro"), ("info",), ("align",)],
+    ids=["process", "info", "align"],
+)
+def test_every_key_of_json_is_listed(words, sinstool, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    sinstool("simulate", "drive", "-o", "log.mcap", "--duration", "60", "--seed", "1")
+    command, *options_ = words
+    printed = json.loads(sinstool(command, "log.mcap", *options_, "--json")[1])
+    described = {key: word for key, word, _ in rows(RESULTS[command])}
+    # Of dictionaries, choices and findings the keys are not repeated
+    below = {"choice": ".", "object": ".", "list of findings": "[].", "list of objects": "[]."}
+    whole = {key + below[word] for key, word in described.items() if word in below}
+    whole = tuple(key for key in whole if not any(one.startswith(key) for one in described))
+    unlisted = {k for k in keys_of(printed) if k not in described and not k.startswith(whole)}
+    assert unlisted == ({"schema"} if command == "info" else {"schema", "warnings"})
+
+
+def test_json_without_a_description_is_refused():
+    class Result(RESULTS["export"]):
+        """Nothing is said of its key."""
+
+        unexplained: int
+
+    Result = dataclass(frozen=True, kw_only=True)(Result)
+    with pytest.raises(ValueError, match=r"Result\.unexplained has no description"):
+        list(rows(Result))
+    with pytest.raises(ValueError, match="no result of simulate"):
+        json_keys("simulate")
+    assert all(len(json_keys(name)) > 500 for name in RESULTS)
 
 
 def test_equation_with_its_number():

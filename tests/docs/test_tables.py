@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from typing import get_args
 
@@ -35,6 +36,33 @@ def test_every_file_that_the_documentation_names_is_there():
     named = {(page.name, name) for page in pages for name in place.findall(page.read_text())}
     assert len(named) > 10
     assert [pair for pair in sorted(named) if not (ROOT / pair[1]).exists()] == []
+
+
+def kinds_of_findings():
+    """Kinds that the code gives findings by name, and all its strings."""
+    named, strings = set(), set()
+    for path in (ROOT / "sinstool").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                strings.add(node.value)
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.args:
+                kind = node.args[0]
+                makes = node.func.id in ("Finding", "note", "warned", "_counted")
+                if makes and isinstance(kind, ast.Constant):
+                    named.add(kind.value)
+    return named, strings
+
+
+def test_every_kind_of_finding_is_in_the_table():
+    text = (ROOT / "docs" / "findings.md").read_text()
+    rows = re.findall(r"^\| (`[^|]*) \|", text, re.MULTILINE)
+    listed = [kind for row in rows for kind in re.findall(r"`([\w-]+)`", row)]
+    named, strings = kinds_of_findings()
+    assert len(named) > 100
+    assert named - set(listed) == set()
+    assert len(listed) == len(set(listed))
+    made = {f"{status}-axis" for status in ("dead", "clipped", "too-short")}  # of a status
+    assert set(listed) - strings - made == set()
 
 
 def test_every_filter_is_in_the_glossary():

@@ -50,7 +50,7 @@ def test_scale_and_latency(scale, latency):
 
 
 @pytest.mark.parametrize("unit", [0.1, 1.0, 30.0])
-def test_no_reference_is_believed_to_more_than_a_thousandth_of_the_speed(unit):
+def test_residual_sigma_is_at_least_a_thousandth_of_the_speed(unit):
     """Readings that fit exactly, at any speed: each is used, and the residual is the least."""
     stamps, reading, reference_ns, reference = made(0.97, noise=0.0)
     fit = fit_wheels(stamps, unit * reading, reference_ns, unit * reference)

@@ -70,7 +70,7 @@ def test_attitude_alone_without_an_accuracy_and_without_north():
     assert "does not estimate" in known and "Nothing in the log shows north" in known
 
 
-def test_errors_stand_beside_what_the_run_believes():
+def test_errors_stand_beside_the_sigmas_of_the_run():
     kinds = [("position", "m", SimpleNamespace(rms=(1.234, 2.0, 3.0)))]
     truth = SimpleNamespace(kinds=lambda: kinds, names=("truth.csv",))
     known = account(run(outages=Outages(0, 0.0, 0.0), truth=truth))[1]

@@ -141,7 +141,7 @@ def test_height_is_compared_at_the_instants_of_its_reference(blocks):
     np.testing.assert_allclose(drawn(shown["height"])["/baro"], [96, 103.5, 119.5, 136], atol=1e-6)
 
 
-def test_errors_are_drawn_and_told_against_the_truth():
+def test_errors_against_the_truth_are_drawn_and_reported():
     """The true heading is less by ten arc seconds, the true velocity down more by 2 m/s."""
     solution = solutions(**travelling())
     turned = np.stack([np.zeros(N), np.zeros(N), np.full(N, 10.0 / 3600.0)], axis=1)

@@ -168,12 +168,12 @@ def test_single_velocities_of_no_vehicle_are_left_out(tmp_path, enu):
     np.testing.assert_array_equal(np.flatnonzero(~into.gnss.has_velocity), [7])
 
 
-def test_a_receiver_that_knows_nothing_is_not_believed_and_overflows_nothing(tmp_path):
+def test_a_huge_stated_sigma_is_limited(tmp_path):
     epochs = gnss(tmp_path, drive(sigma=1e150)).gnss
     np.testing.assert_array_equal(epochs.sigma_position_n, 1e6)
 
 
-def test_order_and_repetition_are_told(tmp_path):
+def test_order_and_repetition_are_reported(tmp_path):
     messages = drive()
     messages[10], messages[11] = messages[11], messages[10]
     messages.append(fix_message(0, TIMES[20], 10.0, 10.0))
@@ -185,7 +185,7 @@ def test_order_and_repetition_are_told(tmp_path):
     assert len(into.findings) == 2
 
 
-def test_radians_are_refused_and_read_when_told(tmp_path):
+def test_radians_are_refused_unless_configured(tmp_path):
     messages = drive(scale=np.pi / 180.0)
     with pytest.raises(DataError, match=r"/fix.*0\.83.*radians.*--gnss-unit rad"):
         gnss(tmp_path, messages)

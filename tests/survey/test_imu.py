@@ -206,7 +206,7 @@ def test_more_gaps_than_are_listed(tmp_path):
     assert s.bursty
 
 
-def test_the_longest_interval_that_is_no_gap_can_be_told(tmp_path):
+def test_the_longest_interval_that_is_no_gap_can_be_configured(tmp_path):
     times = even_times(1000)
     times[500:] += 95_000_000
     path = imu_log(tmp_path / "a.mcap", times, *resting(1000))

@@ -85,7 +85,7 @@ def test_the_magnetometer_that_belongs_to_the_imu_is_chosen(tmp_path, topics, ex
     assert [c.topic for c in found.channels] == ([expected] if expected else [])
 
 
-def test_a_name_is_believed_and_none_is_none(tmp_path):
+def test_a_named_topic_is_used_and_none_means_none(tmp_path):
     path = log_of(tmp_path / "log.mcap", field_messages("/a"), field_messages("/b"))
     assert chosen(path, "/b").topic == "/b"
     assert chosen(path, "none").topic == ""

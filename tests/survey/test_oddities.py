@@ -160,7 +160,7 @@ def test_sample_and_hold(rows, findings_of):
     assert "% of the samples repeat" in odd.text
 
 
-def test_a_rate_that_is_not_that_of_the_stamps_is_told(findings_of):
+def test_a_rate_that_is_not_that_of_the_stamps_is_reported(findings_of):
     rows = imu_messages(even_times(60, 100.0), *resting(60))
     odd = findings_of(rows, imu_rate=200.0)["other-rate"]
     assert "200 Hz" in odd.text and "100 Hz" in odd.text and "0.5 times" in odd.text

@@ -50,7 +50,7 @@ def test_what_is_sent_again_on_the_way_is_found_and_nothing_else(speed, rate, be
         assert set(np.flatnonzero(stuck)) <= set(range(begin + 1, begin + count))
 
 
-def test_a_receiver_that_holds_its_position_at_rest_is_believed():
+def test_a_receiver_that_holds_its_position_at_rest_is_not_stuck():
     way = np.concatenate([np.zeros(200), 0.5 * 1.0 * (0.2 * np.arange(100)) ** 2])
     assert not stuck_fixes(track(way)).any()
     # It lets go of what it holds by a few sigmas

@@ -20,11 +20,11 @@ class LogLosses:
     parts : tuple of str
         In words.
     places : tuple of dict
-        See `Lost.as_json`.
+        The same with the keys of :meth:`Lost.as_json`.
     chunks : int
         How many of them are chunks.
     messages_read, messages_declared : int or None
-        In the channels that were read; None where nothing was lost, or where the log does not say.
+        In the channels that were read; None if nothing was lost, or if the log does not say.
     """
 
     parts: tuple[str, ...]

@@ -11,18 +11,18 @@ from sinstool.methods.alignment.inflight_types import FloatArray, ImuIncrements
 from sinstool.methods.alignment.still import WINDOW_NS, WindowStage, still_spans
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 
-# Samples missing for longer than this break the chain of attitudes that the gyros keep.
+# A gap longer than this, s, interrupts the attitude carried by the gyros.
 _GAP_S = 0.1
 _HUBER_ROUNDS = 5
 # Median length of a vector by the standard deviation of its three components.
 _MEDIAN_TO_SIGMA = 1.5382
-# Times over which the noise of the gyros is looked at, in windows, and how many it takes; a rest
-# of fewer windows is not trusted to be one, as gyros that carry the attitude on need no trust.
+# Averaging times, in windows, at which the noise of the gyros is estimated, and the least number of
+# windows of a rest that is used for it.
 _ALLAN_WINDOWS = (1, 4, 16)
 _ALLAN_LEAST = 20
 _DIFFERENCES = 4
-# Rest in which the attitude that the gyros keep steadies gravity this much, over this many
-# windows, is a base that rocks.
+# A rest is a rocking base if gravity is steadier by this factor in the axes that the gyros keep,
+# over so many windows.
 _ROCKING = 1.5
 _ROCKING_WINDOWS = 4
 

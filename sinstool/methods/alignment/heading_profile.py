@@ -1,10 +1,11 @@
-"""How well a heading is known, by how much worse others explain the fixes.
+"""How certain a heading is, by how much less likely other headings are.
 
-The filter of a refinement is linear about the attitude that it starts from, and believes every
-change of velocity that the Imu shows to be one of the vehicle. Where these are mostly those of a
-gait, of waves or of vibration, which velocities made of positions do not follow, any heading leaves
-the fixes about as well explained, and the filter stays where it began, sure of itself. The
-likelihood of other headings, with all else free, shows both that and a better one elsewhere [1]_.
+The filter of a refinement is linear about the attitude that it starts from, and takes every change
+of velocity that the Imu measures for one of the vehicle. If these are mostly those of a gait, of
+waves or of vibration, which velocities derived from positions do not contain, every heading
+explains the fixes about equally well, and the filter stays near its start with a small sigma. The
+likelihood of other headings, with everything else estimated anew, shows this, and a better heading
+elsewhere [1]_.
 
 References
 ----------
@@ -24,13 +25,13 @@ from sinstool.core.rotation import exp, to_dcm
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.refine import THETA, Refined, S
 
-# Headings that are tried beside the one found: so many of its sigmas away, and all around.
+# Other headings that are tried: so many sigmas away, and multiples of this angle, rad.
 NEAR = np.array([2.0, 4.0, 8.0])
 AROUND = 45.0 * DEGREE
 LEAST_SIGMA = 0.5 * DEGREE
-# A sigma of the filter holds where that of the profile is no more than so many times as large.
+# The sigma of the filter is used if that of the profile is at most so many times as large.
 WIDER = 1.5
-# Another heading is clearly better where squared innovations are so much less in all.
+# Another heading is clearly better if its squared innovations, in total, are smaller by this.
 BETTER = 4.0
 
 

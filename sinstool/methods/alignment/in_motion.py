@@ -25,19 +25,19 @@ from sinstool.methods.alignment.solution import carried
 from sinstool.methods.alignment.span_reader import NO_SAMPLES, SpanReader
 from sinstool.methods.sensor_errors import SensorGrade
 
-# Without a gate, alignment begins when the vehicle does, and takes this much at first. A walker
-# who is never fast for long begins at a lower speed.
+# Without a gate, alignment begins BEFORE_S before the vehicle first moves, and uses these spans one
+# after the other. For a walker, who is never fast for long, lower speeds count as motion.
 SLOW_M_S = (1.0, 0.5)
 BEFORE_S = 5.0
 SPANS_S = (200.0, 600.0)
-# Spans over which a gyro bias of 0.5 deg/s leaves the attitude good enough for the refinement,
-# which then gives the bias. The longest is what a level vehicle shows its bias over.
+# Spans short enough that a gyro bias of 0.5 deg/s leaves the attitude good enough for the
+# refinement, which then estimates the bias. The longest is that of `level_bias`.
 SHORT_S = (15.0, 25.0, 40.0, 70.0, MOST_S)
-# A bias of more sigmas than these is taken off, and alignment begins anew, so many times at most:
+# A bias of more sigmas than this is removed and alignment begins anew, at most so many times, as
 # the refinement is linear.
 SURPRISE = 1.0
 ROUNDS = 4
-# Vertical velocity from height: over so long before and after, as heights are noisy.
+# Vertical velocity is the slope of heights over this time before and after, s.
 CLIMB_S = 2.0
 
 
@@ -109,8 +109,8 @@ class MotionAlignment:
 
 
 Known = dict[tuple[bytes, AlignmentSettings], tuple[float, InFlightAlignment]]
-"""Alignments over spans of samples from one beginning, by gyro bias and settings but for what is
-refused, which is with each: that an answer is refused is its last word."""
+"""Alignments over spans of samples from one start, by gyro bias and settings without
+`refuse_sigma`; the value is the `refuse_sigma` used, with the result."""
 
 
 def align_in_motion(

@@ -57,19 +57,15 @@ from sinstool.methods.alignment.solution import (
     solution_covariance,
 )
 from sinstool.methods.alignment.wahba import singular_values
+from sinstool.methods.receiver_priors import ARM_GIVEN_M, ARM_USUAL_M, LATENCY_S
 
 INCONSISTENT_CHI2 = 3.0
 REASONS = 3
 
 REFINE_SIGMA = float(np.deg2rad(20.0))
-"""Worst-axis sigma of the solver's answer beyond which the refinement would not be linear. It
-counts what the sensors' errors may have done, which the refinement then finds. From headings all
-around it may begin where only the heading is less certain."""
-
-# Beside a vehicle so slow that the solver does not see its heading, an antenna that swings about it
-# and fixes that are late matter: what is not known of them, m and s.
-TOLD_LEVER_SIGMA, OPEN_LEVER_SIGMA = 0.1, 1.0
-SLOW_LATENCY_SIGMA = 0.2
+"""Largest sigma of the solver's attitude, about its worst axis, that leaves the refinement linear.
+Errors of the sensors are in it, which the refinement then estimates. From headings all around, only
+the tilt needs to be as certain."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +234,7 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         if not times[0] <= t_ns <= times[-1]:
             raise AlignmentError(
                 f"no attitude can be given at {t_ns} ns",
-                f"the chain of attitude holds from {times[0]} to {times[-1]} ns",
+                f"the gyros carry the attitude from {times[0]} to {times[-1]} ns only",
             )
         at = chain.rows_at(t_ns)
     covariance = solution_covariance(solution, segment, at, settings)
@@ -353,9 +349,9 @@ def _refined(
     segment = best.segment
     lever_sigma, latency_sigma = settings.refine_lever_sigma, settings.refine_latency_sigma
     if settings.around:
-        told = bool(np.any(settings.lever_arm_b))
-        lever_sigma = max(lever_sigma, TOLD_LEVER_SIGMA if told else OPEN_LEVER_SIGMA)
-        latency_sigma = max(latency_sigma, SLOW_LATENCY_SIGMA)
+        given = bool(np.any(settings.lever_arm_b))
+        lever_sigma = max(lever_sigma, ARM_GIVEN_M if given else ARM_USUAL_M)
+        latency_sigma = max(latency_sigma, LATENCY_S)
     use = np.ones(len(segment), dtype=bool)
     if settings.gate == "mask":
         use[1:] = np.diff(segment.not_calm) == 0

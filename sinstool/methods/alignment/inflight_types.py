@@ -213,7 +213,7 @@ class AlignmentSettings:
     refine : bool
         Refine the answer by a Kalman filter over the same vectors.
     around : bool
-        Refine from headings all around, whatever the solver says of it. It is meant for vehicles
+        Refine from headings all around, whatever the solver's heading is. It is meant for vehicles
         so slow that sensor errors hide their heading from a solver, and that of an antenna on an
         arm: the lever arm and the latency are then taken to be little known.
     refine_lever_sigma, refine_latency_sigma : float

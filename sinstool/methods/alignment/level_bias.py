@@ -1,6 +1,6 @@
-"""Gyro bias of a vehicle that stays about level: what its course does not turn by.
+"""Gyro bias of a vehicle that stays about level: its mean rate less that of its course.
 
-Rough, but without any attitude: a beginning for gyros whose bias spoils every alignment.
+Rough, but without any attitude: a first estimate for gyros whose bias makes every alignment fail.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.inflight_types import GnssFixes
 
-# Fixes so fast are of a vehicle that moves, and say where it goes.
+# Fixes faster than this show the course.
 MOVING_M_S = 2.0
-# From the beginning so much is used, at most and at least, s.
+# Longest and shortest time from the start that is used, s.
 MOST_S = 120.0
 LEAST_S = 15.0
-# What the mean turn of a vehicle that stays about level is off by as a gyro bias at least, rad/s.
+# Least sigma of a bias found so, rad/s.
 LEVEL_SIGMA = 0.1 * DEGREE
-# Where it goes and where it points differ for so long, s; by more than so much (rad, one sigma)
-# it goes in any direction, and its course says nothing.
+# Correlation time of the difference between course and heading, s; if that difference exceeds this,
+# rad (1 sigma), the vehicle does not go where it points.
 SWAY_S = 10.0
 ANY_WAY = 0.5
 

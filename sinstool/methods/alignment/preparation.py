@@ -59,7 +59,7 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
     warnings = []
     new = np.diff(imu.time_ns, prepend=imu.time_ns[:1] - 1) > 0
     if not new.all():
-        warnings.append(f"{int((~new).sum())} IMU samples that repeat a time dropped")
+        warnings.append(f"{int((~new).sum())} IMU samples with repeated times are left out")
         imu = imu.rows(new)
     if settings.start_ns is not None or settings.end_ns is not None:
         first = imu.time_ns[0] if settings.start_ns is None else settings.start_ns
@@ -94,10 +94,13 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
             reason[int(k + 1)] = f"a gap of {step[k] * 1e-9:.3f} s in the IMU"
     if bridged:
         bridges = "1 gap" if bridged == 1 else f"{bridged} gaps"
-        warnings.append(f"{bridges} of up to {BRIDGED_SAMPLES} IMU samples bridged")
+        verb = "is" if bridged == 1 else "are"
+        warnings.append(
+            f"{bridges} of up to {BRIDGED_SAMPLES} IMU samples {verb} integrated across"
+        )
     if broken.any():
-        many = f"{int(broken.sum())} gaps in the IMU break the chain of attitude; the longest is"
-        one = "a gap in the IMU breaks the chain of attitude; it is"
+        many = f"{int(broken.sum())} gaps in the IMU interrupt the attitude; the longest is"
+        one = "a gap in the IMU interrupts the attitude; it is"
         longest = step[np.flatnonzero(broken) - 1].max() * 1e-9
         warnings.append(f"{one if broken.sum() == 1 else many} {longest:.3f} s long")
     imu = ImuIncrements(imu.time_ns, theta, velocity)
@@ -139,7 +142,7 @@ def prepare_fixes(
     warnings = []
     new = np.diff(gnss.time_ns, prepend=gnss.time_ns[:1] - 1) > 0
     if not new.all():
-        warnings.append(f"{int((~new).sum())} fixes that repeat a time dropped")
+        warnings.append(f"{int((~new).sum())} fixes with repeated times are left out")
     placed = np.isfinite(gnss.latitude) & np.isfinite(gnss.longitude) & np.isfinite(gnss.height)
     gnss = gnss.rows(new & placed)
     sigma = np.full(len(gnss), settings.gnss_sigma_v)

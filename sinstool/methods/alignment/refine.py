@@ -30,7 +30,7 @@ INFLATE_FROM = 25.0
 """Squared innovation by its covariance beyond which the noise of a fix is inflated."""
 
 STRETCH_S = 15.0
-"""Errors of fixes that last for less are told from white noise."""
+"""Errors of fixes that last for less are distinguished from white noise."""
 
 START_SIGMA = float(np.deg2rad(5.0))
 PASSES = 2

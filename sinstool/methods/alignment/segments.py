@@ -34,7 +34,7 @@ MANY_REJECTED = 0.2
 NEIGHBOURS = 5
 SIGMAS = 5.0
 LENGTH_SHARE = 0.002
-"""Of a vector's length: scale factors, bent arcs, a lever arm not quite right."""
+"""Allowed difference of lengths, relative: scale factors, curved paths, errors of the lever arm."""
 
 
 @dataclass(frozen=True)

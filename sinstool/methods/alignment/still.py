@@ -20,8 +20,8 @@ WINDOW_NS = 500_000_000
 # Noise of working sensors at rest, with an engine idling: beyond this something moves.
 MAX_GYRO_STD = 0.06  # rad/s, norm over the axes
 MAX_ACCEL_STD = 0.35  # m/s^2
-# Within a span the noise may grow to this many times its smallest so far, or, as when somebody
-# knocks at the table, to these small values; the means must stay what they were all the same.
+# Within a span the noise may grow to this many times its smallest so far, or to these small values,
+# as by a knock on the table; the means must not change in any case.
 STD_GROWTH = 2.5
 KNOCK_STD = (0.012, 0.15)
 # Slow rotation or tilting shows in the means: allowed change beside the noise of a mean.
@@ -39,8 +39,8 @@ _INDEX, _COUNT, _MEAN, _SQUARES, _CHANGES, _TURNED = 0, 1, 2, 8, 14, 20
 WIDTH = 34
 # Of rates in rad/s, and of those that are read as such and are in deg/s
 UNITS = (1.0, DEGREE)
-# Of white noise the differences of this order have so many times the variance. They leave out what
-# lasts for longer than some samples, as motion does.
+# Order of the differences that show white noise, and the factor of its variance in them: motion,
+# which lasts for many samples, cancels in them.
 ORDER = 6
 _OF_DIFFERENCES = comb(2 * ORDER, ORDER)
 

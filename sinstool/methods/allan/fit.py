@@ -40,15 +40,16 @@ SURE = 14.0
 WALK_RISE = 1.0
 # The least share of the Allan variance that a visible term has at some averaging time.
 SHARE = 0.05
-# A fit that would be so seldom worse by chance is none.
+# A fit is rejected if its misfit has a smaller probability than this.
 SELDOM = 1e-4
-# The longest segment has so many blocks at least.
+# The longest segment has at least this many blocks.
 LEAST_BLOCKS = 8
-# Averaging times are left out where what is left would be so seldom worse by chance; that costs
-# little where it is chance. Where any had to be, one more goes: it is not quite free of the cause.
+# Averaging times are left out while the misfit of the others has a smaller probability than this;
+# that costs little where it is chance. Where any were left out, one more is, as it is not quite
+# free of the cause.
 DOUBTFUL = 3e-3
-# Of two edges of an interval the inner has this weight, by term; held against simulated logs. A
-# random walk that is just too small to be seen is taken for flicker noise by a fit without it.
+# Weight of the inner of two edges of an interval, by term, calibrated by simulated logs. A random
+# walk that is just too small to be seen is taken for flicker noise by a fit without it.
 INWARD = {"quantisation": 0.5, "white": 0.55, "flicker": 0.0, "random_walk": 0.0}
 # Of flicker noise alone the frequencies of blocks are not quite independent: more deviance is due.
 FLICKER_INTERVAL = 1.1

@@ -30,13 +30,14 @@ from sinstool.core.arrays import FloatArray, IntArray
 
 TERMS = ("quantisation", "white", "flicker", "random_walk")
 FLICKER = 2.0 * log(2.0) / pi
-# Differences of phases are followed over so many of the longer lag beyond where they overlap.
-# Only those of flicker noise are correlated there, as the inverse square of the distance.
+# Covariances of differences of phases are computed up to this many of the longer lag beyond where
+# they overlap. Only those of flicker noise are correlated there, as the inverse square of the
+# distance.
 BEYOND = 2
-# Two lags are held against each other at this many places in the shorter.
+# Two lags are compared at this many places of the shorter.
 PLACES = 8
 _SECOND = (1.0, -2.0, 1.0)
-# From so many samples on the series of flicker noise is as exact as numbers are.
+# From this lag on, samples, the series for flicker noise is exact to rounding.
 FAR = 60
 
 

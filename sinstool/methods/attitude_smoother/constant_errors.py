@@ -1,4 +1,4 @@
-"""What constant errors of gyros, of scale and axes, do to a smoothed attitude."""
+"""Effect of constant errors of gyros, of scale factor and misalignment, on a smoothed attitude."""
 
 from __future__ import annotations
 
@@ -12,17 +12,21 @@ from sinstool.methods.attitude_smoother.model import SensorModel
 
 
 def turned_wrongly(turn: FloatArray, sensors: SensorModel) -> FloatArray:
-    """Variance of angles for gyros whose scale and axes are constantly off, rad^2; see `felt`."""
+    """Variance of the angle for gyros with constant scale factors and misalignments, rad^2.
+
+    Of turns as :func:`felt` gives them.
+    """
     sigma = np.full((3, 3), sensors.gyro_misalignment)
     sigma[np.diag_indices(3)] = sensors.gyro_scale
     return np.asarray(np.einsum("nij,ij->n", turn**2, sigma**2))
 
 
 def felt(epochs: Epochs, smoothed: FloatArray, axis: int) -> FloatArray:
-    """What the i-th gyro feels of the j-th axis about a navigation axis, since the start, rad.
+    """Turn about a navigation axis for a unit error of each scale factor and misalignment, rad.
 
-    It adds up over the log, and goes again where the body turns back. Gravity shows none of it
-    about the vertical. Shape (n, 3, 3), at the limits of the epochs.
+    Element i, j: the error with which the i-th gyro measures rates about the j-th axis, since the
+    start, shape (n + 1, 3, 3). It adds up over the log, and cancels where the body turns back.
+    Gravity shows none of that about the vertical.
     """
     rows = epochs.values
     turned = rows[:, JB : JB + 9].reshape(-1, 3, 3)
@@ -40,11 +44,11 @@ def _rates(epochs: Epochs, smoothed: FloatArray) -> FloatArray:
 def lag(
     epochs: Epochs, smoothed: FloatArray, attitude: FloatArray, sensors: SensorModel
 ) -> FloatArray:
-    """Variance of tilt for gyros whose scale and axes are off, of a body that spins, rad^2.
+    """Variance of tilt of a body that spins, by scale factors and misalignments of gyros, rad^2.
 
-    Each pass lags by what the gyros turn too far until gravity has corrected it, to which it takes
-    variance over process noise. The lags forwards and backwards cancel, but for what is not linear:
-    their square.
+    Each pass lags by the excess angle of the gyros until gravity has corrected it, which takes the
+    variance of tilt over process noise. The lags of the passes forwards and backwards cancel,
+    except to second order: their square.
     """
     seconds = np.diff(epochs.time_ns) / SECOND
     square = np.einsum("ni,ni->n", *2 * [_rates(epochs, smoothed)]) * seconds

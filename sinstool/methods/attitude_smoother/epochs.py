@@ -21,7 +21,7 @@ from sinstool.methods.attitude_smoother.model import EPOCH_S
 
 # Columns of an epoch
 DURATION, GAP, JB, W2, SATURATED, REST = 0, 1, 8, 17, 18, 19
-# No literals, of which each would be a type of its own to numba where it is passed on
+# Not literals: each would be a type of its own to numba where it is passed on
 DV: Any
 DP: Any
 DV, DP = map(np.int64, (2, 5))
@@ -30,12 +30,12 @@ OWN_RATE, SWAY_RATE, SWAY_FORCE, RATE_DOUBT = 33, 34, 35, 36
 TURNED: Any = np.int64(37)
 TURN_DOUBT, FORCE_DOUBT, UNEVEN = 40, 41, 42
 WIDTH = 43
-# What an epoch is. It does not turn where it is quiet, nor accelerate where it is steady, nor move
-# at rest.
+# Kinds of epochs: a quiet one does not turn, a steady one does not accelerate either, and one at
+# rest does not move.
 MOVING, QUIET, STEADY, AT_REST = range(4)
-# So many samples on end at the largest rate of an axis are a gyro at its stop.
+# This many consecutive samples at the largest rate of an axis are a saturated gyro.
 STOP_RUN = 3
-# A vehicle's way turns with its axes as a mean over so many epochs, which their wobble is not in.
+# The path of a vehicle turns with its axes averaged over this many epochs, without their wobble.
 WAY_TURNS = 25
 # A turn as long and as fast as this (s, rad/s) looks like a gyro's bias, unless a rest shows that.
 TURN_S, TURN_RATE = 30.0, 0.01
@@ -178,7 +178,7 @@ class EpochStage:
 
 
 def _note_turns(values: FloatArray) -> None:
-    """Set the angles turned, without what is back within some seconds."""
+    """Set the angles turned, without turns to and fro within some seconds."""
     turned = values[:, JB : JB + 9].reshape(-1, 3, 3)
     angle = np.einsum("nij,nj->ni", turned, values[:, GYRO : GYRO + 3])
     piece = np.cumsum(values[:, GAP] > 0.0)
@@ -187,7 +187,7 @@ def _note_turns(values: FloatArray) -> None:
 
 
 def turns_of_way(angle: FloatArray) -> FloatArray:
-    """Angles turned in epochs on end as means over `WAY_TURNS`, shape (n, m): a vehicle's way."""
+    """Angles turned in consecutive epochs, averaged over `WAY_TURNS`, shape (n, m): the path's."""
     wide = min(WAY_TURNS, len(angle))
     if not wide:
         return angle
@@ -199,11 +199,11 @@ def turns_of_way(angle: FloatArray) -> FloatArray:
 
 @part()
 def _close(row: FloatArray) -> None:
-    """Make variances of the sums of squares, and compare the stamps with an even clock.
+    """Turn sums of squares into variances, and compare the stamps with an even clock.
 
-    Sensors sample evenly, whatever stamps say: those of receipt jitter and come in bursts, and
-    where samples are lost the next one does not show what was turned meanwhile. Over an epoch the
-    angle that was integrated differs from that by equal intervals by as much as may be wrong.
+    Sensors sample evenly, whatever the stamps say: those of receipt jitter and come in bursts, and
+    where samples are lost the next one does not show the turn meanwhile. The difference of the
+    integrated angle from that at equal intervals over an epoch is the error that this may cause.
     """
     for a in range(6):
         row[GYRO_VARIANCE + a] /= max(row[COUNT] - 1.0, 1.0)

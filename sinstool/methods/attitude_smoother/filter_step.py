@@ -59,26 +59,27 @@ C1, C0, DENSITY, WALK, RATE_ERROR, BIAS_WALK, ZERO_RATE, VELOCITY_WALK, GRAVITY_
 VELOCITY_VARIANCE, POSITION_VARIANCE, REST_FORCE, DRIFT, JUDGED_AGAIN = 9, 10, 11, 12, 13
 OMEGA, FOLLOWS, STOP_RATE = 14, 17, 18
 PARAMETERS = 19
-# At rest the specific force is gravity alone: its noise, and that of a velocity of zero.
+# At rest the specific force is gravity alone: noise of that, and sigma of zero velocity.
 REST_DENSITY = 0.1  # m/s^2/sqrt(Hz)
 REST_VELOCITY = 0.02  # m/s
 # A squared innovation this many times its variance refutes a rest.
 DENIED = 5.0**2
-# Taking travel for rest spoils all tilts before and after, the reverse hardly any. So a velocity
+# Taking travel for rest spoils all tilts before and after, the reverse hardly any. So velocity
 # (three axes together) refutes a rest at a lower limit.
 TRAVELS = 3.0**2
-# A steady acceleration looks like steady travel, if the tilt leaves room for it. So travel is
-# steady only while the tilt is known to this (as level specific force, m/s^2), and while the force
-# stays within a lower limit than that for a rest. Otherwise it only shows the bias.
+# A steady acceleration looks like steady travel if the tilt leaves room for it. So travel counts as
+# steady only while the sigma of tilt is below this (as level specific force, m/s^2), and the force
+# stays within a lower limit than that for a rest. Otherwise it shows the bias only.
 STEADY_TILT = 0.2
 ACCELERATES = 3.0**2
 # Drift time of the bias allowed where later passes check rests again, s.
 DRIFTED_S = 60.0
-# Sway lasts so many epochs in one direction, so its means are correlated.
+# Sway keeps its direction for this many epochs, so their means are correlated.
 SWAY_LASTS = 10.0
-# Beyond this an angle missed in an epoch is any angle, and the filter's linearisation no good, rad.
+# If the angle missed in an epoch is larger than this, rad, it may be any angle, and linearisation
+# no longer holds.
 MOST_MISSED = 1.2
-# In a gap the body may turn as fast as beside it, and at this rate on top, rad/s.
+# In a gap the body may turn as fast as beside it, plus this rate, rad/s.
 GAP_RATE = 0.5
 DIVERGED = -1e300
 
@@ -116,9 +117,9 @@ def rest_kind(
 
     Steady turns and steady travel look like rest. They are recognised by innovations of rate and
     level specific force, and by the velocity, under the filter's predicted bias, tilt and velocity;
-    braking, which looks like steady travel, by the specific force at a lower limit.
-    The last rest ended `since` seconds ago, in which the bias may have drifted. A bias of the
-    accelerometers is taken to be as uncertain as that of their grade.
+    braking, which looks like steady travel, by the specific force at a lower limit. The last rest
+    ended `since` seconds ago, since when the bias may have drifted. The sigma of an accelerometer
+    bias is that of its grade.
     """
     t = row[DURATION]
     level = par[REST_FORCE] ** 2 + row[SWAY_FORCE]

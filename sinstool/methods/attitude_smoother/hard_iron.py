@@ -9,25 +9,25 @@ import numpy as np
 from sinstool.core.arrays import FloatArray
 
 ROUNDS = 12
-# What is expected of an offset before any turn, as a share of the field's size.
+# One sigma of an offset before any turn has shown it, as a share of the field's size.
 PRIOR = 0.1
-# Residuals of epochs hang together for seconds: a fifth of a second tells less than it seems.
+# Residuals of epochs are correlated over some seconds: this many count as one.
 CORRELATION = 25.0
-# What does not average out, as a share of the field's size: errors of the attitude (a quarter of a
-# degree).
+# Errors that do not average out, as a share of the field's size: those of the attitude (a quarter
+# of a degree).
 TOGETHER = 0.005
-# A field that changes from place to place goes with how the body turns, so what it leaves does not
-# average out either. Of its variance a ninth per axis looks like iron where the body turns about
-# all axes (3 of the 27 numbers by which three axes of it go with the nine of the attitude), and a
-# half where it turns about one. White noise is not in it, nor is what is of another field, as a
-# share of the field's size.
+# The residuals of a field that changes from place to place are correlated with the turns of the
+# body, so they do not average out either. Of their variance a ninth per axis looks like iron where
+# the body turns about all axes (3 of the 27 coefficients between three axes of the field and the
+# nine numbers of the attitude), and half where it turns about one. White noise is not part of it,
+# nor are residuals above OTHER_FIELD, a share of the field's size, which are of another source.
 LIKE_IRON, OTHER_FIELD = 0.25, 0.1
-# Residuals below this share of the field's size all count alike.
+# Residuals below this share of the field's size all have the same weight.
 LEAST_RESIDUAL = 0.005
-# An offset is taken off from so many sigmas on.
+# An offset is removed if it exceeds this many sigmas.
 SIGNIFICANT = 3.0
-# An offset across the horizontal field that is known no better than this share of the Earth's was
-# not seen: a usual one, of 0.3 of it, would not be three sigma.
+# An offset across the horizontal field whose sigma exceeds this share of the Earth's field was not
+# observable: a usual one, of 0.3 of the field, would be less than three sigma.
 UNSEEN = 0.1
 
 
@@ -40,12 +40,12 @@ class HardIron:
     offset : ndarray, shape (3,)
         In body axes, T.
     sigma : float
-        Of its part across the horizontal field, which is what turns a heading, T: the root mean
-        square over the attitudes of the log.
+        Standard deviation of its part across the horizontal field, which is the part that turns a
+        heading, T: the root mean square over the attitudes of the log.
     size : float
-        Median size of the measured field, less the offset if that is taken off, T.
+        Median size of the measured field, less the offset if that is removed, T.
     applied : bool
-        It is significant enough to be taken off.
+        It is significant, and is removed.
     """
 
     offset: FloatArray

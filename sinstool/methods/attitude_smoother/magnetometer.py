@@ -1,8 +1,8 @@
 """Heading from a magnetometer: which part of its field is the Earth's.
 
-Indoors and near vehicles most of what a magnetometer says is wrong for a while. The Earth's field
-has one size and one dip; what has others is left out. What magnetised iron in the body adds turns
-with it, and is taken off where the body turned enough to show it.
+Indoors and near vehicles most of what a magnetometer measures is disturbed for a while. The Earth's
+field has one size and one dip; epochs with others are left out. The field of magnetised iron in the
+body turns with it, and is removed where the body turned enough to show it.
 """
 
 from __future__ import annotations
@@ -32,34 +32,35 @@ from sinstool.methods.attitude_smoother.model import EPOCH_S
 
 Refusal = Literal["", "short", "size", "disturbed", "scatter", "steep"]
 
-# Heading drifts less within this than a hard iron turns it, s.
+# Length of a piece, s: within it heading drifts by less than a hard iron turns it.
 PIECE_S = 30.0
-# An hour shows it as well as ten.
+# A hard iron is estimated from at most this many epochs, about an hour; more show it no better.
 MOST_EPOCHS = 20_000
 # The Earth's field is at most 67 uT and at least 22; sensors are off by some per cent, T.
 SMALLEST, LARGEST = 15e-6, 100e-6
-# Of the epochs, the densest share whose median is the Earth's field.
+# The Earth's field is the median of this share of the epochs, the densest.
 DENSEST = 0.4
-# What differs by more in size or in dip is disturbed, and so is what lies close to such a run.
+# Epochs whose size or dip differs by more are disturbed, and so are those close to a run of them.
 SIZE_WITHIN, DIP_WITHIN = 0.1, 8.0 * DEGREE
 RUN, MARGIN = 2, 5  # epochs
 # Share of a normal distribution within a sigma
 ONE_SIGMA = 0.683
-# Refused: less trusted than this share or time, more scattered, or steeper than this. Of fields in
-# axes that are not the Imu's, too, some 30 % lie about the densest.
+# The field is refused if a smaller share, or number of epochs, is trusted, if headings scatter by
+# more, or the field is steeper. Even of a field in axes that are not those of the Imu some 30 % lie
+# around the densest value.
 LEAST_TRUSTED, LEAST_EPOCHS = 1.0 / 3.0, 50
 MOST_SCATTER, STEEPEST = 10.0 * DEGREE, 80.0 * DEGREE
-# A straight drift of the gyros over this is no scatter, s.
+# A linear drift of the gyros over this time does not count as scatter, s.
 DRIFT_S = 180.0
-# One heading is off by this at least, rad, and so are those of some seconds before and after.
+# Least sigma of a heading, rad, and the time over which its errors are correlated, s.
 LEAST_SIGMA, CORRELATED_S = 4.0 * DEGREE, 3.0
-# Heading at the start comes from so many trusted epochs, rad.
+# The first heading is the median of this many trusted epochs; its sigma, rad.
 FIRST, FIRST_SIGMA = 50, 0.3
-# The field of a room may differ by so much from that of the place; by more, and it is of something
-# else, or its dip of a wrong tilt.
+# The field in a room may differ by this from that of the place. If it differs by more, it has
+# another source, or the tilt is wrong and so is the dip.
 SIZE_OF_PLACE, DIP_OF_PLACE = 0.3, 12.0 * DEGREE
-# What is left of an offset, as a share of the field's size: for it cannot be told from the gradient
-# of the field in a room, and where the log cannot show one.
+# One sigma of the offset that is left, as a share of the field's size: where it was estimated, as
+# the gradient of the field in a room looks like it, and where the log cannot show it.
 LEFT, UNSEEN_IRON = 0.02, 0.3
 
 
@@ -72,9 +73,9 @@ class North:
     rows : ndarray, shape (n, FIELD_WIDTH)
         See :mod:`~sinstool.methods.attitude_smoother.heading_update`.
     start : float
-        By which the first attitude is to be turned about the vertical, rad.
+        Angle about the vertical by which the first attitude is to be turned, rad.
     variance : float
-        Of what all headings have in common, rad^2.
+        Of the error that all headings have in common, rad^2.
     """
 
     rows: FloatArray
@@ -96,19 +97,19 @@ class Compass:
     refused : str
         '' where it is used; else ``short`` (too few epochs), ``size`` (not the Earth's field),
         ``disturbed`` (too few are trusted), ``scatter`` (the headings do not agree with the gyros)
-        or ``steep`` (there is too little of a horizontal field).
+        or ``steep`` (the horizontal field is too small).
     north : North or None
         None where it is refused.
     hard_iron : HardIron or None
-        None where there was nothing to find it from.
+        None where there were no data to estimate it from.
     size, dip : float
         Of the field taken for the Earth's, T and rad (down positive).
     trusted : float
-        Share of the epochs with a field.
+        Share of the epochs with a field that are trusted.
     scatter : float
-        Of headings against the gyros', rad.
+        Of headings about those of the gyros, rad.
     of_place : bool
-        It is about the field that the place is known to have, or that is not known.
+        Size and dip are about those of the place, or the place is not known.
     """
 
     refused: Refusal
@@ -138,12 +139,14 @@ def find_north(
 
     Parameters
     ----------
+    epochs : Epochs
+        Of the log.
     measured : EpochField
-        Over the same.
+        Over the same epochs.
     correction : ndarray, shape (n, 4)
-        Of the integrated attitude at the begin of the epochs: quaternions in navigation axes.
+        Of the integrated attitude at the start of the epochs: quaternions in navigation axes.
     azimuth : float, optional
-        Of the horizontal field, east of the north that headings shall count from, rad.
+        Of the horizontal field, rad, from the north to which headings refer, towards east.
     expected : EarthField, optional
         Of the place, where that is known.
     """
@@ -199,7 +202,7 @@ def find_north(
 
 
 def heading_off(north: North, correction: FloatArray) -> float:
-    """How far headings of the field are from those of an attitude, rad: the median.
+    """Median difference of headings of the field from those of an attitude, rad.
 
     Parameters
     ----------
@@ -213,7 +216,7 @@ def heading_off(north: North, correction: FloatArray) -> float:
 
 
 def _pieces(seconds: FloatArray, stretch: np.ndarray, length: float) -> np.ndarray:
-    """Numbers of pieces of a length, which begin anew after gaps."""
+    """Number of the piece of this length, s, in which each epoch is; gaps begin a new piece."""
     begins = np.concatenate(([True], np.diff(stretch) > 0))
     since = seconds - np.maximum.accumulate(np.where(begins, seconds, 0.0))
     number = np.floor(since / length)
@@ -221,7 +224,7 @@ def _pieces(seconds: FloatArray, stretch: np.ndarray, length: float) -> np.ndarr
 
 
 def _densest(values: FloatArray) -> float:
-    """Median of the share of values that lies closest together."""
+    """Median of the `DENSEST` share of the values, those in the narrowest interval."""
     ordered = np.sort(values)
     count = max(round(DENSEST * len(ordered)), 1)
     width = ordered[count - 1 :] - ordered[: len(ordered) - count + 1]
@@ -230,7 +233,7 @@ def _densest(values: FloatArray) -> float:
 
 
 def _near_runs(bad: np.ndarray, number: np.ndarray) -> np.ndarray:
-    """Epochs in runs of bad ones, or within a second of one."""
+    """Whether epochs are in a run of bad ones, or within a second of one."""
     wide = np.zeros(number[-1] + 1, np.bool_)
     wide[number] = bad
     run = np.convolve(wide, np.ones(RUN), "valid") == RUN
@@ -239,7 +242,7 @@ def _near_runs(bad: np.ndarray, number: np.ndarray) -> np.ndarray:
 
 
 def _scatter(heading: FloatArray, seconds: FloatArray, piece: np.ndarray) -> float:
-    """Scatter of gated headings about a straight drift in each piece, rad."""
+    """Scatter of trusted headings about a linear drift in each piece, rad."""
     off = []
     for one in np.split(np.arange(len(piece)), np.flatnonzero(np.diff(piece)) + 1):
         angle = np.unwrap(heading[one])

@@ -20,8 +20,9 @@ MotionName = Literal["hand", "vehicle"]
 
 EPOCH_S = 0.2
 GRAVITY = 9.81  # m/s^2; the difference of local gravity from this is a state
-# Of a vehicle at the start of a log, at least, m/s, along each axis: it may be on a motorway or in
-# the air, and braking from there looks like a tilt. A rest at the start is more certain than this.
+# Least standard deviation of a vehicle's velocity at the start of a log, m/s, along each axis: it
+# may be on a motorway or in the air, and braking from there looks like a tilt. A rest at the start
+# shows it better.
 FIRST_VELOCITY = 30.0
 
 
@@ -62,7 +63,7 @@ class MotionModel:
 
     @property
     def velocity_variance(self) -> float:
-        """In the long run, m^2/s^2."""
+        """Of a velocity that is stationary, m^2/s^2."""
         return self.density**2 / (2.0 * self.c1)
 
     @property
@@ -73,11 +74,11 @@ class MotionModel:
 
     @property
     def position_variance(self) -> float:
-        """In the long run, m^2; 0 without a bound."""
+        """Of a position that is stationary, m^2; 0 where it is not bounded."""
         return self.velocity_variance / self.c0 if self.c0 else 0.0
 
     def with_velocity(self, variance: float) -> MotionModel:
-        """A vehicle's model with another variance of velocity in the long run, m^2/s^2."""
+        """A vehicle's model with another variance of a velocity that is stationary, m^2/s^2."""
         return replace(self, c1=self.density**2 / (2.0 * variance))
 
     def with_density(self, density: float) -> MotionModel:
@@ -85,13 +86,13 @@ class MotionModel:
         return replace(self, density=density)
 
 
-# A hand's position is bounded, with a natural rate of 1.4 rad/s and a damping of 0.7 (from 1 to 2
-# rad/s recorded hands come out the same to 0.003 deg); a vehicle's velocity is, with a memory of
-# 33 s.
+# A hand's position is bounded, with a natural rate of 1.4 rad/s and a damping of 0.7 (with 1 to 2
+# rad/s the results for recorded hands agree to 0.003 deg). A vehicle's velocity is bounded, with a
+# correlation time of 33 s.
 HAND = MotionModel("hand", 2.0, 2.0, 0.5)
 VEHICLE = MotionModel("vehicle", 0.03, 0.0, 4.0)
-# Cars, ships and aircraft go where they point. Then turns show the velocity, so it need not be
-# forgotten: it has a memory of five minutes and more.
+# The velocity of cars, ships and aircraft follows their heading. Turns then show it, so it need not
+# be forgotten: its correlation time is five minutes and more.
 FOLLOWER = MotionModel("vehicle", 0.003, 0.0, 4.0, follows=True)
 
 
@@ -149,23 +150,24 @@ class SensorModel:
     stop_rate: float = 0.0
 
 
-# The bias of low-cost gyros where no rest has shown it, and about the mean rate of a rest, rad/s.
+# Bias of low-cost gyros where no rest has shown it (that of `SensorModel`), and about the mean rate
+# of a rest, rad/s.
 _MEMS = SensorModel()
 _BARE = IMU_GRADES["consumer"]
 _MEMS_BIAS_AFTER_REST = 5e-3
 _SHORT_REST_S = 5.0
-# A bias as uncertain as this makes a first pass linear about a wrong attitude, rad/s.
+# With a bias as uncertain as this the first pass is linear about a wrong attitude, rad/s.
 LARGE_BIAS = 0.01
 
 
-# One sigma of the bias of an accelerometer axis that is not calibrated, m/s^2: data sheets of parts
-# for telephones allow 20 to 80 mg.
+# One sigma of the bias of an uncalibrated accelerometer axis, m/s^2: data sheets of parts for
+# telephones allow 20 to 80 mg.
 POOR_ACCEL_BIAS = 0.2
-# Telephones and drivers take the bias off gyros, nothing does so with accelerometers. So these may,
-# with this probability, not be calibrated where the gyros beside them have hardly a bias.
+# Telephones and drivers remove the bias of gyros, but not that of accelerometers. With this
+# probability accelerometers are uncalibrated though the gyros beside them have hardly a bias.
 ONLY_GYROS = 0.1
-# Beyond this probability the gyros' bias changes as the sensor warms up, by 0.03 deg/s for each
-# kelvin as data sheets say: rad/s/sqrt(s) and rad/s^2.
+# If it is this probable that gyros are uncalibrated, their bias is taken to change as the sensor
+# warms up, by 0.03 deg/s for each kelvin as data sheets say: rad/s/sqrt(s) and rad/s^2.
 SURE, WARMING_WALK, WARMING_DRIFT = 0.95, 5e-5, 2e-5
 
 
@@ -175,10 +177,9 @@ def accel_uncalibrated(gyro_bias: FloatArray | None, off: float) -> float:
     Parameters
     ----------
     gyro_bias : ndarray, shape (3,), or None
-        That is found, rad/s; None: unknown.
+        As estimated, rad/s; None: unknown.
     off : float
-        By which gravity in the log differs in size from that of its place, m/s^2: the bias of about
-        one axis.
+        Difference of gravity in the log from that of its place, m/s^2: the bias of about one axis.
     """
     gyros = 0.0 if gyro_bias is None else uncalibrated(gyro_bias)
     before = gyros + (1.0 - gyros) * ONLY_GYROS
@@ -189,7 +190,7 @@ def accel_uncalibrated(gyro_bias: FloatArray | None, off: float) -> float:
 
 
 def poor_accel_bias(gyro_bias: FloatArray | None, off: float) -> float:
-    """One sigma of an axis, m/s^2, of what a lack of calibration adds to accelerometers' biases.
+    """One sigma of an axis, m/s^2, that a lack of calibration adds to accelerometer biases.
 
     See :func:`accel_uncalibrated`.
     """
@@ -197,10 +198,10 @@ def poor_accel_bias(gyro_bias: FloatArray | None, off: float) -> float:
 
 
 def as_calibrated(sensors: SensorModel, gyro_bias: FloatArray) -> SensorModel:
-    """The sensors, with errors of the gyros as far as their bias tells that they are calibrated.
+    """The sensors, with the scale factors and misalignments that the bias of the gyros suggests.
 
-    Scale factors and axes are those between a calibrated module and a bare chip, by their
-    logarithms. Nothing compensates for temperature where they surely are uncalibrated.
+    They lie between those of a calibrated module and of a bare chip, on a logarithmic scale. Where
+    the gyros are surely uncalibrated nothing compensates for temperature.
     """
     share = uncalibrated(gyro_bias)
     scale, axes = _BARE.gyro_scale / _MEMS.gyro_scale, UNCALIBRATED_BY

@@ -22,44 +22,46 @@ from sinstool.methods.attitude_smoother.model import (
 )
 from sinstool.methods.attitude_smoother.start import filtered
 
-# A vehicle must explain a moving epoch better by so much, in nat, or a moving second, where
-# a smooth road shows no more than slow accelerations; between 0.6 and 1.4 times that the choice
-# is not sure. Recorded hands come to 0.1 and 1.6 at most, drones that hover in a room to
-# 1 and 5, cars and ships to 3, or 16, and more; gentle cars with MEMS sensors to no more than 0.04,
-# or 2.6.
-# Doubt goes to the vehicle: its model is tenths of a degree off on a hand and has wide sigmas, a
-# hand's is a degree off on a car, by several of its sigmas.
+# The motion is a vehicle's where its log likelihood exceeds that of a hand by MARGIN, nat per
+# moving epoch, or by SECOND_MARGIN per moving second, as on a smooth road only slow accelerations
+# tell the two apart. Between 0.6 and 1.4 times that the choice is not sure. Recorded hands reach
+# 0.1 and 1.6 at most, drones that hover in a room 1 and 5, cars and ships 3, or 16, and more, but
+# gentle cars with MEMS sensors no more than 0.04, or 2.6. In doubt the vehicle is chosen: on a hand
+# its model is wrong by tenths of a degree, with wide sigmas; on a car a hand's is wrong by a
+# degree, several of its sigmas.
 MARGIN, SECOND_MARGIN = 0.4, 1.76
 UNSURE = 0.4
-# The margins are of gyros that are calibrated, see `SensorModel`.
+# The margins hold for calibrated gyros, see `SensorModel`.
 CALIBRATED_RATE_ERROR = SensorModel().rate_error
 # Limit of the margin, nat: beyond it the filter of the other model diverged.
 LARGEST_MARGIN = 1000.0
-# Some times that a hand goes round and about, s; so long a vehicle that is gentle may, too, and
-# a vehicle must be so much the less likely, nat per moving epoch.
+# A motion shorter than SHORT_S, several cycles of a hand's motion, does not show that its position
+# is bounded, and counts as a vehicle's. From SHORTEST_S on it counts as a hand's if a vehicle's log
+# likelihood exceeds that of a hand by less than SHORT_MARGIN, nat per moving epoch.
 SHORTEST_S, SHORT_S, SHORT_MARGIN = 15.0, 60.0, 0.1
-# Faster than this it is not a hand, m/s.
+# A hand does not move faster than this, m/s.
 HAND_SPEED = 4.0
-# Moving epochs that are looked at: ten minutes, in so many stretches.
+# The moving epochs that are examined: ten minutes, in this many stretches of two minutes.
 STRETCHES = 5
 STRETCH = 600
-# The density of a hand is the most likely one over epochs of that length where it is the largest;
-# that of a vehicle is so many times that (manoeuvres are not white, and their slowest part sets the
-# tilt: turns of an aircraft last half a minute), m/s^2/sqrt(Hz).
+# The density of a hand's acceleration is the largest of the most likely ones for the lengths of
+# epochs in HAND_LONGER; that of a vehicle is VEHICLE_FACTOR times the largest, as manoeuvres are
+# not white, and their slowest part sets the error of tilt (turns of an aircraft last half a
+# minute). m/s^2/sqrt(Hz)
 HAND_RANGE = (0.5, 4.0)
 LEAST_VEHICLE, VEHICLE_FACTOR = 4.0, 2.5
 SECOND = 5  # epochs
 LONGER: tuple[int, ...] = (1, SECOND, 20, 100)
 HAND_LONGER = LONGER[:3]
-# A vehicle goes where it points if that is so many times as likely (nat), over epochs of 4 s: in
-# shorter ones its shaking says more than its way.
+# A vehicle's velocity is taken to follow its heading if that is more likely by this, nat, over
+# epochs of 4 s: shorter ones show vibration rather than the path.
 FOLLOWS_MARGIN, FOLLOWS_EPOCHS = 3.0, 20
-# What a gyro may miss at its stop, in ranges; that it is at its stop must be so much the likelier,
-# nat.
+# What a saturated gyro may miss, as shares of its range; that it is saturated must be more likely
+# by STOPS_MARGIN, nat.
 MISSED = (0.1, 0.2, 0.5, 1.0)
 STOPS_MARGIN = 5.0
-# The search is on a grid of the density's logarithm: so far from one to the next, and so many of
-# them at a time to begin with; fewer where it begins at what was found over longer epochs.
+# The search runs on a grid of the logarithm of the density with this spacing, in steps of this many
+# points at first, and of fewer where it begins at the result for longer epochs.
 GRID, FIRST_STEP, NEAR_STEP = 0.2, 4, 2
 SEARCHED = (log(0.005), log(50.0))
 
@@ -72,13 +74,13 @@ class Motion:
     ----------
     model : MotionModel
     margin : float or None
-        Log likelihood of a vehicle less that of a hand, nat per moving epoch, or the same over
-        moving seconds, scaled, if that is larger; None where the kind was chosen by other means.
+        Log likelihood of a vehicle less that of a hand, nat per moving epoch; or, if larger, that
+        per moving second, scaled to the same limit. None where the two were not compared.
     short : bool
-        The motion is too short to show that its position is bounded: then it is a vehicle's, as
-        that claims less, unless a vehicle is hardly likelier. That it is not may show all the same.
+        The motion is too short to show that its position is bounded. It is then taken for a
+        vehicle's, which assumes less, unless a vehicle is hardly likelier than a hand.
     chosen : bool
-        By the user. The margin of a hand that was chosen says what the log thinks of it.
+        By the user. The margin then says whether the log contradicts a hand that was chosen.
     """
 
     model: MotionModel
@@ -109,7 +111,7 @@ def find_motion(
     name: MotionName | None = None,
     speed: float | None = None,
 ) -> Motion:
-    """The kind of motion, and the density of its accelerations.
+    """Find the kind of motion, and the density of its accelerations.
 
     Parameters
     ----------
@@ -117,8 +119,8 @@ def find_motion(
         With rest marked.
     sensors : SensorModel
     name : {'hand', 'vehicle'}, optional
-        Kind of motion, where the user chose it. That of a hand claims more than that of a vehicle,
-        and is held against it all the same.
+        Kind of motion, where the user chose it. A hand is compared with a vehicle all the same, as
+        its model assumes more.
     speed : float, optional
         Speed that GNSS shows, m/s: the model must allow for velocities of that size.
 
@@ -126,7 +128,7 @@ def find_motion(
     -------
     Motion
     """
-    # Scale factors of gyros that are not calibrated last: what turns to and fro hardly shows them
+    # Scale factors of uncalibrated gyros are constant: their errors cancel in a turn to and fro
     sensors = replace(sensors, rate_error=min(sensors.rate_error, CALIBRATED_RATE_ERROR))
     parts, chosen = _stretches(epochs), name is not None
     moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
@@ -163,9 +165,10 @@ def find_motion(
 def likeliest_stop_rate(
     epochs: Epochs, sensors: SensorModel, largest: float, surely: bool
 ) -> float:
-    """What gyros miss at what are, or may be, their stops, as gravity shows it, rad/s.
+    """Most likely rate that saturated gyros miss, rad/s, by what gravity shows afterwards.
 
-    A motor that turns as fast as it can looks the same to a gyro, but gravity agrees with it.
+    A motor that turns at its largest speed looks the same to a gyro, but then the attitude agrees
+    with gravity, and the answer is 0.
 
     Parameters
     ----------
@@ -173,9 +176,9 @@ def likeliest_stop_rate(
         With rest, and the time at the stops, marked.
     sensors : SensorModel
     largest : float
-        The rate at which they stop, rad/s.
+        The rate at which they saturate, rad/s.
     surely : bool
-        They are stops; else the answer may be 0.
+        They are known to be saturated: the answer is not 0.
     """
     likely = {}
     for share in (0.0, *MISSED):
@@ -197,7 +200,8 @@ class _Search:
         """Density under which the motion is most likely, and its log likelihood there."""
         key = model, length
         if key not in self._cache:
-            # Over longer epochs it is found sooner, and it is not far from there
+            # Over longer epochs the search is quicker, and its result is close to that over short
+            # ones
             near = self.best(model, SECOND)[0] if length == 1 else None
             self._cache[key] = _most_likely(self._parts[length], model, self._sensors, near)
         return self._cache[key]
@@ -230,7 +234,7 @@ def _most_likely(
     Parameters
     ----------
     near : float, optional
-        A density that it may be close to, of those that this gives.
+        Where to begin: a result of this function for other epochs.
     """
 
     @cache

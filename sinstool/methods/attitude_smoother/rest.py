@@ -55,32 +55,37 @@ GYRO_SCATTER, ACCEL_SCATTER = 0.12 * DEGREE, 0.03  # rad/s, m/s^2
 GYRO_NOISE, ACCEL_NOISE = 1.3 * DEGREE, 0.5
 # Gyro biases are smaller than this, rad/s.
 LARGEST_BIAS = 0.2
-# Times the variance of gyro noise, or of the quietest rest. What sways more may be afloat, in the
-# air or on a smooth road: it does not accelerate, but it need not stand still.
+# The means of epochs sway if their variance exceeds this many times that of gyro noise, or of the
+# quietest rest. What sways may be afloat, in the air or on a smooth road: it does not accelerate,
+# but need not stand still.
 SWAYS = 3.0**2
-# All of a rest sways where most of it does: by a fifth more than its noise explains, by three sigma
-# of what noise does in so many epochs, and by more than the correlated noise of sensors, rad/s.
+# A rest sways as a whole if its median variance exceeds that of its noise by a fifth, by three
+# sigma of an estimate from so many epochs, and exceeds QUIET_RATE^2, the correlated noise of
+# sensors, rad/s.
 SWAYS_SLIGHTLY, QUIET_RATE = 1.2, 2e-4
-# The rate over so long is held against the bias: it shows bends that are slower than the sway.
+# The mean rate over this window is compared with the bias: it shows turns slower than the sway.
 LONG_WINDOW = 100  # epochs
-# What travels turns with the vertical, rad/s.
+# The transport rate: what travels turns with the vertical, rad/s.
 TRANSPORT_RATE = FIRST_VELOCITY / SEMI_MAJOR_AXIS
-# One sigma of a bend that is taken for straight travel where no bias is known, rad/s.
+# One sigma of the rate of a bend that is taken for straight travel where the bias is unknown,
+# rad/s.
 SLOW_TURN = 3e-3
-# Of a turn that lasts, as aircraft fly it, rad/s.
+# Rate of a long turn of an aircraft, one sigma, rad/s.
 TURN = 0.03
-# Shorter steady times are a lull of the motion, in which a slow acceleration may go on.
+# A steady time shorter than this is a lull of the motion, in which a slow acceleration may go on.
 LULL = 25  # epochs
-# A rest shorter than this share of the longest must have the same rate.
+# A rest shorter than this share of the longest must have the rate of the longest.
 SHORT_SHARE = 1.0 / 3.0
-# Of what looks like rest for as long as a lull or longer, this must not be refuted.
+# The share of a quiet time at least as long as LULL that must not be refuted, or none of it is
+# rest.
 LEAST_SHARE = 0.5
-# Rests of one log show one bias, rad/s, and one size of gravity, m/s^2: steady turns show others.
+# All rests of a log show the same bias, rad/s, and the same size of gravity, m/s^2, to within this;
+# steady turns show others.
 SAME_BIAS, SAME_FORCE = 0.02, 0.15
-# Accelerometers that are not calibrated show another size whichever way up they are. It says
-# nothing where the rate is that of the other rests to this, rad/s, beside noise.
+# Uncalibrated accelerometers show another size of gravity in each attitude. So the size does not
+# count where the rate agrees with that of the other rests to this, rad/s, beside noise.
 EQUAL_BIAS, POOR_FORCE = CALIBRATED, LIKELY * POOR_ACCEL_BIAS
-# What says of an epoch whether it rests, and how far that is in doubt.
+# The columns of an epoch that say whether it is at rest, and how doubtful that is.
 MARKS = [REST, RATE_DOUBT, TURN_DOUBT, FORCE_DOUBT]
 
 
@@ -133,15 +138,16 @@ def confirmed(
     tilt : float, optional
         See :func:`~sinstool.methods.attitude_smoother.start.first_state`.
     in_place : bool, optional
-        Mark the epochs themselves, as a long log's take much memory; `MARKS` alone change.
+        Mark the epochs themselves, as those of a long log take much memory; only `MARKS` change.
 
     Returns
     -------
     Epochs
         Refuted epochs, and those within two seconds of one, are moving. Epochs that sway by more
-        than noise are at most steady. They are only quiet where they last less than five seconds,
-        or where the tilt leaves room for a steady acceleration; so is a rest of five seconds that
-        is refuted for more than half of them, and what looked like rest for less than a window.
+        than noise are at most steady; they are quiet where they last less than five seconds, or
+        where the tilt leaves room for a steady acceleration. Rest becomes quiet, too, where more
+        than half of five seconds or longer is refuted, and where less than a window looked like
+        rest.
     """
     still = epochs.rest
     if not still.any():
@@ -149,7 +155,7 @@ def confirmed(
     rows = epochs.values if in_place else epochs.values.copy()
     looked = rows[:, MARKS].copy()
     sway = rows[:, SWAY_RATE]
-    # the median sway: the last epochs of a rest may sway more as motion begins
+    # the median of sway: the last epochs of a rest may sway more as motion begins
     usual = float(median(sway[still]))
     _drop_short_turns(rows, epochs.time_ns, still, sensors, usual)
     quiet = min(median(sway[begin:end]) for begin, end in runs(still))
@@ -188,10 +194,10 @@ def drop_lulls(rows: np.ndarray) -> None:
 
 
 def note_doubt(rows: np.ndarray, sensors: SensorModel) -> None:
-    """Set the doubt of the rate where it is quiet but no rest: how much such times differ.
+    """Set the doubt of the rate in quiet and steady times: the variance between such times.
 
-    Slow sway and slow turns last as long as these, so that each shows the bias but once. One alone
-    may be a long bend, where nothing else is known of the bias.
+    Slow sway and slow turns last as long as these times do, so that each is one sample of the bias
+    only. A single one may be a long bend, if nothing else shows the bias.
     """
     rows[:, RATE_DOUBT] = rows[:, TURN_DOUBT] = 0.0
     found = runs((rows[:, REST] > MOVING) & (rows[:, REST] < AT_REST))
@@ -207,9 +213,9 @@ def note_doubt(rows: np.ndarray, sensors: SensorModel) -> None:
 
 
 def _turn_doubt(quiet: np.ndarray, sensors: SensorModel) -> float:
-    """Variance of a turn about the vertical in a quiet time that alone shows the bias, rad^2/s^2.
+    """Variance of a turn about the vertical in the only quiet time that shows the bias, rad^2/s^2.
 
-    The larger its rate, the likelier it is a turn's, and the rate is then all turn.
+    The larger the rate, the more probable that it is a turn's; then all of the rate is the turn.
     """
     up = quiet[:, ACCEL : ACCEL + 3].mean(axis=0)
     measured = quiet[:, GYRO : GYRO + 3].mean(axis=0) - np.asarray(sensors.bias_mean)
@@ -221,7 +227,7 @@ def _turn_doubt(quiet: np.ndarray, sensors: SensorModel) -> float:
 
 
 def _drop_pieces(rows: np.ndarray, still: np.ndarray) -> None:
-    """Mark rests as quiet that are too little of what is quiet, or of a window."""
+    """Mark rest as quiet where it is too small a part of a quiet time, or of a window."""
     kinds = rows[:, REST]
     pieces = [(begin, end, np.inf) for begin, end in runs(still) if end - begin < WINDOW]
     pieces += [(a, b, LEAST_SHARE) for a, b in runs(kinds > MOVING) if b - a >= LULL]
@@ -232,7 +238,7 @@ def _drop_pieces(rows: np.ndarray, still: np.ndarray) -> None:
 
 
 def _set_long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> None:
-    """Set the rates of epochs at rest to the medians of a long window about each, and their doubt.
+    """Set the rates of epochs at rest to running medians over a long window, and their doubt.
 
     Unlike a mean, a median is not moved by a turn that begins where a rest ends.
     """
@@ -246,7 +252,7 @@ def _set_long_medians(rows: np.ndarray, still: np.ndarray, usual: float) -> None
 def _drop_short_turns(
     rows: np.ndarray, time_ns: np.ndarray, still: np.ndarray, sensors: SensorModel, usual: float
 ) -> None:
-    """Mark short rests as moving where their rate is not that of the longest: a slow turn."""
+    """Mark short rests as moving whose rate differs from that of the longest: slow turns."""
     first, last = max(runs(still), key=lambda run: run[1] - run[0])
     rate = rows[:, GYRO : GYRO + 3] - median(rows[first:last, GYRO : GYRO + 3], axis=0)
     at = time_ns[:-1]

@@ -35,9 +35,9 @@ NO_PRIOR = Prior()
 SEGMENT = 500
 # Epochs whose turns are computed at a time
 AT_ONCE = 1 << 14
-# m/s^2: gravity on Earth, and how far from it that is anywhere below 3 km.
+# Mean gravity on Earth, m/s^2, and the largest difference from it anywhere below 3 km.
 MEAN_GRAVITY, GRAVITY_RANGE = 9.807, 0.03
-# Of an angle of which nothing is known, rad.
+# Standard deviation of an angle of which nothing is known, rad.
 UNKNOWN_ANGLE = np.pi / np.sqrt(3.0)
 # In motion a larger excess than this is not due to accelerometer biases alone, m/s^2.
 LIKELY_EXCESS = 0.3
@@ -49,22 +49,23 @@ LIKELY_EXCESS = 0.3
 FAR, CLOSE = 0.05, 1e-3
 PASSES = 20
 WIDER = (4.0, 3.0, 2.0, 1.5)
-# A pass that is so much less likely than one before it, nat, leads away from the solution: what
-# counts is the last one that is as likely as any, less certain by its own step. So it is where no
-# pass is close to the one before.
+# A pass that is less likely than an earlier one by LESS_LIKELY, nat, leads away from the solution.
+# The result is then the last one within AS_LIKELY of the most likely, its covariance widened by its
+# own step; likewise where the passes do not converge.
 LESS_LIKELY, AS_LIKELY = 3.0, 0.5
-# Beyond so many times the variance of velocity that the model of a vehicle allows, the model is
-# fitted to what a pass found, at most so many times.
+# Where the variance of velocity exceeds this many times that of the model of a vehicle, the model
+# is fitted to the result of the passes and they run again, at most ROUNDS times.
 MORE, ROUNDS = 1.2, 4
-# A vehicle's accelerations last long enough that epochs of a second do; so many of the others.
+# A vehicle's accelerations last long enough for epochs of a second: this many of 0.2 s.
 COARSE = 5
-# A vehicle goes where it points if that is so many times as likely, nat.
+# The result for a vehicle whose velocity follows its heading stands if it is more likely by this,
+# nat, than without that; else the passes are repeated from the other result.
 FOLLOWS_MARGIN = 3.0
 # Manoeuvres last some seconds, but the likelihood counts each second as if it were independent.
 TEMPERED = 0.25
 NO_STATES = np.empty((0, state.STATE))
 NOTHING_FOUND = np.empty(0)
-# Of what is kept of a covariance: the variances of the accelerometers' biases.
+# The variances of the accelerometers' biases among the numbers kept of a covariance.
 BIASES = slice(14, 17)
 
 
@@ -99,8 +100,8 @@ def smooth(
     run = _Run(epochs, sensors, prior, north)
     result = run.converged(motion)
     if not motion.c0 and (sensors.bias > LARGE_BIAS or result.likelihood <= DIVERGED):
-        # a wrong bias turns the velocity wrongly, which shows the same wrong bias: the likelihood
-        # tells where the passes ended
+        # a wrong bias turns the velocity wrongly, which in turn confirms the wrong bias: the
+        # likelihood tells which of the results is right
         other = run.converged(_freed(motion) if motion.follows else _following(motion))
         found = [result, other]
         if motion.follows and other.likelihood > result.likelihood - FOLLOWS_MARGIN:
@@ -125,8 +126,8 @@ def smooth(
         left = _of_poor(shown, result.accel_bias, poor)
         sigma = sqrt(np.mean(left))
         attitude[:, [0, 1], [0, 1]] += np.mean(left - shown) / GRAVITY**2
-        # What the gyros' axes are off those of the accelerometers: the tilt of a vehicle that turns
-        # about is one about the gyros' vertical.
+        # Misalignment of the gyros' axes and those of the accelerometers: the tilt of a vehicle
+        # that turns refers to the vertical in the gyros' axes.
         attitude[:, [0, 1], [0, 1]] += sensors.rate_error**2
     else:
         # The bias of a level accelerometer looks like a tilt.
@@ -154,10 +155,10 @@ def smooth(
 
 
 def _bounded(covariance_n: FloatArray) -> None:
-    """Bound sigmas by that of any angle: none is less certain, whatever a linear filter has.
+    """Limit sigmas to that of a uniformly distributed angle, the largest there is.
 
-    It has variances that are none where it went astray, beyond what is linear: they mean any angle,
-    too.
+    Where the filter left its linear range variances may be negative or not finite: nothing is known
+    of the angle there.
     """
     variance = np.einsum("nii->ni", covariance_n)
     astray = ~((variance > 0.0) & np.isfinite(variance)).all(axis=1)
@@ -169,7 +170,7 @@ def _bounded(covariance_n: FloatArray) -> None:
 def _turns(q: FloatArray) -> FloatArray:
     """Rotation vectors from each attitude to the next."""
     out = np.empty((max(len(q) - 1, 0), 3))
-    # So many at a time, as each is in memory several times meanwhile
+    # This many at a time, as each is held in memory several times
     for begin in range(0, len(out), AT_ONCE):
         end = min(begin + AT_ONCE, len(out))
         out[begin:end] = log(multiply(q[begin + 1 : end + 1], conjugate(q[begin:end])))
@@ -178,9 +179,9 @@ def _turns(q: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Result:
-    """Of passes that converged: states and covariances at the limits of epochs, likelihood.
+    """Result of passes that converged: states and covariances at the limits of epochs, likelihood.
 
-    `accel_bias` is what they took for the standard deviation of the accelerometers' biases, m/s^2.
+    `accel_bias` is the standard deviation of the accelerometers' biases that was assumed, m/s^2.
     """
 
     states: FloatArray
@@ -191,7 +192,7 @@ class _Result:
 
 @dataclass(frozen=True)
 class _Run:
-    """Passes over a log."""
+    """Passes over a log, with what all of them have in common."""
 
     epochs: Epochs
     sensors: SensorModel
@@ -199,7 +200,7 @@ class _Run:
     north: North | None
 
     def converged(self, motion: MotionModel, near: FloatArray = NO_STATES) -> _Result:
-        """Passes until none changes the tilt, the first about `near`; without, about its own."""
+        """Pass until the tilt no longer changes; the first pass is linear about `near`, if any."""
         epochs, sensors = self.epochs, self.sensors
         field = NO_FIELD if self.north is None else self.north.rows
         covariance = np.empty((len(epochs) + 1, state.KEPT))
@@ -231,7 +232,7 @@ class _Run:
         return kept or self._nothing(motion)
 
     def _nothing(self, motion: MotionModel) -> _Result:
-        """The integrated attitude, of which nothing is known, as the filter diverged."""
+        """Result where the filter diverged: the integrated attitude, of which nothing is known."""
         x, _ = _first(self.epochs, motion, self.sensors, self.prior, self.north)
         covariance = np.zeros((len(self.epochs) + 1, state.KEPT))
         covariance[:, [0, 4, 8]] = UNKNOWN_ANGLE**2
@@ -243,7 +244,7 @@ class _Run:
     def _bias_shown(
         self, motion: MotionModel, smoothed: FloatArray, covariance: FloatArray
     ) -> float:
-        """Standard deviation of the accelerometers' biases, by their grade and by a pass, m/s^2."""
+        """Standard deviation of the accelerometers' biases, from their grade and a pass, m/s^2."""
         if not motion.finds_bias:
             return 0.0
         shown = _gravity_shown(self.epochs, smoothed)
@@ -254,10 +255,10 @@ class _Run:
 def _as_fast(
     motion: MotionModel, epochs: Epochs, smoothed: FloatArray, covariance: FloatArray
 ) -> MotionModel:
-    """The model, of velocities as large as those that a pass has found.
+    """The model with the mean square velocity that a pass has found, where that is larger.
 
-    How fast a vehicle may be at its first and at its last epoch sets how far a constant tilt may be
-    off, and what is expected of a car is too little for an aircraft.
+    How fast a vehicle may be at its first and at its last epoch sets how wrong a constant tilt may
+    be, and the value of a car is too small for an aircraft.
     """
     moving = ~epochs.rest & ~epochs.gap
     if motion.c0 or not moving.any():
@@ -270,20 +271,20 @@ def _as_fast(
 
 
 def _freed(motion: MotionModel) -> MotionModel:
-    """The model without what a wrong bias would spoil: that a vehicle goes where it points."""
+    """The model without the constraint that a wrong bias spoils: velocity along the heading."""
     return replace(VEHICLE, density=motion.density, finds_bias=motion.finds_bias)
 
 
 def _following(motion: MotionModel) -> MotionModel:
-    """The model of a vehicle that goes where it points, of accelerations of the same size."""
+    """The model of a vehicle whose velocity follows its heading, with the same density."""
     return replace(FOLLOWER, density=motion.density, finds_bias=motion.finds_bias)
 
 
 def _widened(best: _Result, found: list[_Result]) -> _Result:
-    """The best of several results, whose covariance allows for the others.
+    """The best of several results, its covariance widened by their distances from it.
 
-    A circle with small biases and level travel with large ones can be about as likely, far from
-    each other and each sure of itself.
+    A circle with small biases and straight travel with large ones can be about as likely, though
+    they are far apart and each has small sigmas.
     """
     weight = np.exp([TEMPERED * (one.likelihood - best.likelihood) for one in found])
     weight /= weight.sum()
@@ -295,7 +296,7 @@ def _widened(best: _Result, found: list[_Result]) -> _Result:
 
 
 def _farther(result: _Result, other: FloatArray, share: float) -> _Result:
-    """A result whose covariance has a share of the squared distance of other states."""
+    """A result with its covariance widened by a share of the squared distance of other states."""
     covariance = result.covariance.copy()
     q = from_dcm(result.states[:, :9].reshape(-1, 3, 3))
     off = log(multiply(from_dcm(other[:, :9].reshape(-1, 3, 3)), conjugate(q)))
@@ -320,7 +321,7 @@ def gravity_at_rest(epochs: Epochs) -> float:
 
 
 def _found_bias(sensors: SensorModel, state_: FloatArray, kept: FloatArray) -> FloatArray | None:
-    """Bias of gyros that may be uncalibrated, rad/s; None of others, or where it is not known."""
+    """Bias of gyros that may be uncalibrated, rad/s; None if calibrated, or not known."""
     known = float(np.sqrt(kept[9:12].max())) < CALIBRATED
     if sensors.bias_removed is None or not known:
         return None
@@ -328,21 +329,24 @@ def _found_bias(sensors: SensorModel, state_: FloatArray, kept: FloatArray) -> F
 
 
 def gravity_off(shown: float, gravity: float | None) -> float:
-    """By which gravity in a log differs in size from that of its place, m/s^2, at least."""
+    """Difference of gravity in a log from that of its place, m/s^2.
+
+    Where no place is known, the least difference from gravity anywhere.
+    """
     if gravity is None:
         return max(0.0, abs(shown - MEAN_GRAVITY) - GRAVITY_RANGE)
     return shown - gravity
 
 
 def _of_poor(shown: FloatArray, grade: float, poor: float) -> FloatArray:
-    """Variances of the accelerometers' biases that are left if they are worse than their grade.
+    """Variances left of the accelerometers' biases if these are worse than their grade allows.
 
     Parameters
     ----------
     shown : ndarray, shape (3,)
-        Those left of the biases that the grade allows, m^2/s^4.
+        Variances left with the biases of the grade, m^2/s^4.
     grade, poor : float
-        Standard deviations that were assumed and that may be, m/s^2.
+        Standard deviations assumed, and of worse sensors, m/s^2.
     """
     if poor <= grade:
         return shown
@@ -353,19 +357,19 @@ def _of_poor(shown: FloatArray, grade: float, poor: float) -> FloatArray:
 def _accel_bias(
     grade: float, shown: float, gravity: float | None, found: FloatArray = NOTHING_FOUND
 ) -> float:
-    """Standard deviation of the accelerometers' biases, m/s^2, of an axis.
+    """Standard deviation of the bias of an accelerometer axis, m/s^2.
 
     Parameters
     ----------
     grade : float
-        That of their grade; it counts for three axes beside those that the log shows. 0: they
-        have none.
+        That of their grade; it counts as three axes beside those that the log shows. 0: there are
+        no biases.
     shown : float
         Size of gravity in the log, m/s^2.
     gravity : float or None
         Local, m/s^2.
     found : ndarray, shape (m,), optional
-        Mean squares of biases that a filter has found, m^2/s^4.
+        Mean squares of biases that a filter has estimated, m^2/s^4.
     """
     if not grade:
         return 0.0

@@ -1,7 +1,7 @@
-"""Steady travel of a vehicle, held against an attitude that was smoothed without it.
+"""Steady travel of a vehicle, compared with an attitude that was smoothed without it.
 
-What confirms a rest knows the past alone. A single turn can leave its tilt so far off that straight
-flight looks like an acceleration, and while a tilt follows gentle braking that looks like none.
+The check of a rest knows only what came before. After a single turn its tilt can be so wrong that
+straight flight looks like an acceleration; and a tilt that follows gentle braking hides it.
 """
 
 from __future__ import annotations
@@ -44,15 +44,16 @@ from sinstool.methods.attitude_smoother.rest import (
 from sinstool.methods.attitude_smoother.smoother import NO_PRIOR, smooth
 from sinstool.methods.attitude_smoother.start import Prior
 
-# A stop shakes by less than this share of the variance of specific force in motion.
+# At a stop the variance of specific force is below this share of that in motion.
 CALM = 0.25
-# The first smoothed attitude knows nothing of steady travel, the second what agrees with the first.
-# A bias of the accelerometers above this, m/s^2, hides too much for a second.
+# The first smoothed attitude uses no steady travel, the second what agrees with the first. An
+# accelerometer bias above this, m/s^2, hides too much for a second to help.
 GOOD_ACCEL_BIAS = 0.02
-# A tilt less certain than this, as level specific force in m/s^2, leaves room for an acceleration,
-# beside twice what constant errors of the sensors make it.
+# A tilt whose sigma exceeds this, as level specific force in m/s^2, leaves room for an
+# acceleration; twice the effect of constant sensor errors is allowed on top.
 KNOWN_TILT = 0.065
-# Motion that is so much gentler with a turn than with a bias makes the turn likelier by far.
+# If the density of acceleration is smaller by this factor without the bias of quiet times, their
+# rate is far more likely that of a turn.
 GENTLER = 1.5
 
 
@@ -110,7 +111,7 @@ def with_steady(
         values[:, REST] = np.where(doubted & agrees, STEADY, alone)
         drop_lulls(values)
         note_doubt(values, sensors)
-        # one acceleration all along, as large as that tilt could hide
+        # a constant acceleration, as large as the tilt could hide
         for begin, end in runs(values[:, REST] == STEADY):
             hidden = float(np.mean(tilted[begin:end]))
             values[begin:end, FORCE_DOUBT] = hidden * (end - begin)
@@ -122,8 +123,8 @@ def turning(
 ) -> np.ndarray:
     """Quiet epochs of a vehicle that never rests whose rate is that of a turn, not of a bias.
 
-    Nothing has shown the bias before the first of them, so no filter could refute it. What does is
-    the bias of an attitude that was smoothed with all of them in motion.
+    Before the first of them nothing has shown the bias, so the filter cannot refute it. The bias of
+    an attitude smoothed with all of them as motion can.
 
     Parameters
     ----------
@@ -144,7 +145,7 @@ def turning(
     moving = replace(epochs, values=values)
     gentle = find_motion(moving, sensors, "vehicle").model
     alone = smooth(moving, gentle, sensors, prior).at(epochs.time_ns)
-    # with a wrong bias, motion seems to be wilder than it is, at every epoch
+    # with a wrong bias the motion seems wilder than it is, in every epoch
     limit = ACCELERATES if GENTLER * gentle.density < motion.density else DENIED
     for begin, end in quiet:
         rate = values[begin:end, GYRO : GYRO + 3] - alone.gyro_bias[begin:end]
@@ -169,7 +170,7 @@ def _agrees(
     seconds = rows[:, DURATION, None]
     matrix = to_dcm(smoothed.q[:-1])
     turned = rows[:, JB : JB + 9].reshape(-1, 3, 3)
-    # the bias has turned the axes by half of what it does over all of the epoch, in the mean
+    # the bias turns the axes, on average by half of what it does over the whole epoch
     gained = rows[:, DV : DV + 3]
     gained = gained - 0.5 * np.cross(np.einsum("nij,nj->ni", turned, bias), gained)
     force = np.einsum("nij,nj->ni", matrix, gained)[:, :2] / seconds
@@ -185,7 +186,7 @@ def _agrees(
         part = slice(begin, end)
         steady = smoothed.gyro_bias_sigma[begin:end] ** 2 + sensors.zero_rate**2 + TRANSPORT_RATE**2
         agrees[part] = np.all(tilted[part] < known, axis=1)
-        # short windows show what the mean of a long one hides: a start at the end of a rest
+        # short windows show what the mean of a long one hides: setting off at the end of a rest
         for wide in (min(LULL, end - begin), min(LONG_WINDOW, end - begin)):
             lasts = min(1.0, SWAY_LASTS / wide)
             level = tilted[part] + sensors.accel_bias**2 + lasts * rows[part, SWAY_FORCE, None]

@@ -1,7 +1,7 @@
 """A vertical channel inside a mechanisation: its steps at IMU and barometer samples.
 
 The host owns height and upward velocity and advances them free of any damping. The channel
-owns the correction A and everything that decides whether a barometer is to be believed::
+owns the correction A and everything that decides whether a barometer is used::
 
     host advances height, v_up by one step          (NED: v_up = -v_down)
     dh, dv = propagate(state, parameters, events, time, dt, height, v_up, dv_up)
@@ -259,7 +259,7 @@ def baro_sample(
             return layout.NOTHING, 0.0, 0.0
         jump = state[layout.S_STREAK_SUM] / (count + 1.0) - state[layout.S_RECENT]
         if _undone(parameters, jump, state[layout.S_TAKEN]):
-            # It was believed when it left: the height goes back with it.
+            # The height had followed the jump that this one takes back: it returns, too.
             record(state, events, layout.EVENT_RETURNED, time, -jump, length)
             return layout.RESET, _set_height(state, time, height, v_up, stamp, jump), 0.0
         state[layout.S_OFFSET] += jump

@@ -278,7 +278,7 @@ class HeightReference:
     reason : ndarray of int64, shape (m,)
         Why a sample is not to be used; 0 where it is.
     sigma : float
-        Median of what the sensor says of its own noise, m; 0 where it says nothing.
+        Median of the sigma that the sensor states, m; 0 where it states none.
     """
 
     kind: Literal["baro", "gnss"]

@@ -20,7 +20,8 @@ from sinstool.methods.hse.run import HseRun
 
 # Rates must differ by this share of the largest for the gyro's bias to be separable.
 DISTINCT_RATES = 0.1
-# The scatter of turns is soon disbelieved: it does not show how a bias wanders between runs.
+# The sigmas by the scatter of turns are soon rejected: they do not include the drift of the bias
+# between runs.
 DISBELIEF = 0.5
 
 

@@ -27,7 +27,7 @@ _D = POSITION + 2
 _VD = VELOCITY + 2
 
 LEAST_BARO_SIGMA = 0.05  # m, of a row: no barometer is free of noise
-# Differences turned down in a row, before the reference is said to have moved
+# Consecutive differences that are rejected before the reference is taken to have moved
 JUMP_ROWS: Any = np.int64(5)
 FAST_BARO = 0.05  # s: faster samples act on the covariance together, at the substep's end
 LEAST_BARO_GATE = 3.0  # m: samples closer than this are never unlikely
@@ -112,7 +112,7 @@ def note_difference(m: Memory, stamp: float, height: float, reason: int) -> None
 
 @part()
 def _unlikely(m: Memory, model: Model, stamp: float, height: float) -> bool:
-    """Whether the filter says of a sample that the channel would use: it cannot be so.
+    """Whether a sample that the channel would use contradicts the filter.
 
     The channel's gate alone would let a sensor that hangs drag the height along while the
     filter, sure of it, turns the fixes down.

@@ -1,7 +1,7 @@
-"""How certain a navigation is that was carried back from a later state.
+"""Covariance of a navigation that was carried back from a later state.
 
 A step of the errors forward is ``x' = F x + w``, so that before it ``P = F^-1 (P' + Q) F^-T``.
-Errors of sensors are as large as a filter takes them to be, and wander as they do there.
+Errors of sensors are as large as the filter assumes, and vary as they do there.
 
 References
 ----------
@@ -82,7 +82,7 @@ def carried_back(
         )
         f[A, BG], f[A, SG] = turn, turn_scale
         noise = np.diag(densities * length)
-        # Axes that are misaligned tilt what is turned across the axis of the turn
+        # Misalignment tilts the attitude across the axis of a turn
         turned_n = turn_scale.sum(axis=1)
         angle = max(float(np.linalg.norm(turned_n)), 1e-12)
         across = angle * np.eye(3) - np.outer(turned_n, turned_n) / angle

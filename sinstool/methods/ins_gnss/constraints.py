@@ -11,11 +11,14 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss import layout, states
 
 STEP_NS = 100_000_000
-# Of velocity and rate at rest over STEP, m/s and rad/s: an idling engine, somebody getting in.
+# Sigmas of velocity, m/s, and rate, rad/s, at rest, as means over STEP: an engine idles, somebody
+# gets in.
 REST_VELOCITY, REST_RATE = 0.02, 0.05 * DEGREE
-# Between constraints, s: what a tyre does lasts for seconds, so that more of them say no more.
+# Time between constraints, s: errors of tyres last for seconds, so more constraints add no
+# information.
 INTERVAL = 0.5
-# What is not known of a vehicle at first: its mount, rad; m; rad/(m/s^2); share.
+# Initial sigmas of a vehicle: mount, rad; axle, m; sideslip and squat, rad/(m/s^2); scale of the
+# wheels.
 MOUNT_SIGMA, AXLE_SIGMA = 3.0 * DEGREE, 2.0
 SIDESLIP_SIGMA, SQUAT_SIGMA = 0.004, 0.005
 WHEEL_SCALE_SIGMA = 0.05

@@ -38,29 +38,33 @@ class FilterSummary:
     Attributes
     ----------
     filter : str
-        The one that ran.
+        The filter that ran.
     fell_back : bool
-        The one asked for needs a barometer, and there is none.
+        Whether it replaces the configured one, which needs a barometer.
+    updates, epochs_used, epochs_gated, epochs_before_start : int
+        Updates by the IMU; epochs of GNSS used, rejected by the gate, and before the start.
+    restarts : int
+        Of the filter.
     mean_nis : float
-        Normalised innovation squared over the number of rows, of the epochs used; NaN before
-        the first. Should be 1, but does not tell of errors of the fixes that last.
+        Normalised innovation squared over the number of rows, of the epochs used; NaN before the
+        first. 1 if the noise is as assumed; slowly varying errors of fixes hardly change it.
     gyro_bias, accel_scale, accel_bias, gyro_scale : ndarray, shape (3,)
-        Taken off, rad/s, 1, m/s^2, 1.
+        Last estimates, which are removed: rad/s, fraction, m/s^2, fraction.
     gyro_misalignment, accel_misalignment : ndarray, shape (6,), or None
-        Taken off, rad, in the order of :data:`~sinstool.methods.ins_gnss.states.AXES_PAIRS`; None
-        of a filter without states for them.
+        The same, rad, in the order of :data:`~sinstool.methods.ins_gnss.states.AXES_PAIRS`; None
+        without states for them.
     baro_bias : float
-        Taken off the barometric height, m.
+        Last estimate of the error of the barometric height, m.
     channel : ChannelSummary
-        Of the damping network; without one, of a channel that has seen nothing.
+        Of the damping network; without one, of a channel without samples.
     gains : tuple of float or None
         Of the network: continuous K1, K2, K3.
     land_vehicle : VehicleEstimate or None
-        Of a land vehicle.
+        Last estimates of a land vehicle.
     rests, held, wheels : int
         Constraints used: at rest, of an axle that does not slide, and of wheels.
     slides, wheel_slips : int
-        Of these, how many did not hold and were left out.
+        Number of these that did not hold and were left out.
     """
 
     filter: str

@@ -1,11 +1,10 @@
-"""Stretches of a receiver's positions that are all off by the same, by what its fixes jump.
+"""Stretches of a receiver's positions with one and the same error, found by its jumps.
 
-A receiver that takes a wrong integer ambiguity for the right one is off by a metre or so until it
-notices, and says that it is good to a centimetre all the while [1]_. A filter that turns such fixes
-down drifts until they are within its own sigmas, and believes them then. What betrays them are
-their edges: beside an Imu, a fix does not move by a metre from one epoch to the next. Between two
-jumps all fixes are off by the same, and those of the stretches that agree with one another are
-taken to be right.
+A receiver that fixes a wrong integer ambiguity is off by a metre or so until it notices, and states
+a centimetre all the while [1]_. A filter that rejects such fixes drifts until they are within its
+own sigmas, and then accepts them. The jumps at their ends betray them: compared with an Imu, a fix
+does not move by a metre from one epoch to the next. Between two jumps all fixes have the same
+error, and stretches that agree with one another count as right.
 
 References
 ----------
@@ -22,37 +21,39 @@ import numpy as np
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.running_median import running_median
 
-# Epochs about each that show how much the navigation drifts and the fixes scatter there.
+# Epochs around each that show how much the navigation drifts and the fixes scatter.
 AROUND = 15
-# A change of so many sigmas, and m, is a jump, and no receiver that counts waves jumps by more than
-# the second; beside one the fixes change by this much of it at most, as neither outliers nor turns
-# about an arm that nobody gave do.
+# A jump is a change by this many sigmas, and by this many m; a receiver that uses the carrier phase
+# does not jump by more than the second. Next to a jump fixes change by at most this share of it:
+# outliers, and turns with an unknown lever arm, change them more.
 SIGMAS, LEAST_M, MOST_M, BESIDE = 8.0, 0.3, 10.0, 0.4
-# Epochs follow each other within so many of their usual intervals, and s. A message that is lost is
-# no outage: within the last, s, no navigation drifts by as much as a jump.
+# Epochs are successive within this many usual intervals, and within so many s. A lost message is no
+# outage: within the last one, s, no navigation drifts by as much as a jump.
 MOST_INTERVALS, MOST_S, LOST_S = 1.5, 2.0, 0.5
-# Fixes that scatter by more than this, m, from one to the next do not show which are false; and
-# fewer in a row than these are outliers.
+# Fixes that scatter by more than this, m, from one to the next do not show which are false; fewer
+# false ones in a row than these are outliers.
 PRECISE_M, LEAST_EPOCHS = 0.25, 3
-# Two stretches agree within this, m, and so many sigmas of the jumps between them.
+# Two stretches agree within this, m, and within this many sigmas of the jumps between them.
 APART_M, APART = 0.2, 4.0
-# A receiver is refuted where its fixes are off by more than so many of its sigmas.
+# Fixes are false if they are off by more than this many of the receiver's sigmas.
 REFUTED = 4.0
-# Stretches that agree must have so much of the epochs, or none is known to be right.
+# Stretches that agree are right if they hold this share of the epochs; else none is known to be
+# right.
 MAJORITY = 0.55
 _NORMAL = 1.538  # median of the length of three unit normals
 
 
 @dataclass(frozen=True)
 class FalseStretch:
-    """Fixes that are off by the same.
+    """Successive fixes with one and the same error.
 
     Attributes
     ----------
     first, last : int
-        Of its epochs.
+        Numbers of the first and last epoch.
     off_m : float
-        How far they are from those taken to be right; where none is, how far stretches are apart.
+        Distance from the fixes that count as right, m; if none do, the largest distance of
+        stretches.
     sure : bool
         Whether it is known which are right.
     """
@@ -66,18 +67,18 @@ class FalseStretch:
 def false_stretches(
     time_ns: IntArray, innovation: FloatArray, left: FloatArray, sigma: FloatArray
 ) -> list[FalseStretch]:
-    """Stretches of fixes that are off by more than the receiver says, in order.
+    """Stretches of fixes that are off by more than the receiver states, in order.
 
     Parameters
     ----------
     time_ns : ndarray of int64, shape (n,)
-        Of epochs with a position, in order; those that the receiver says are worse left out.
+        Of epochs with a position, in order, without those that the receiver states to be worse.
     innovation : ndarray, shape (n, 3)
         Navigation less fix, m, of a filter that hardly follows the fixes.
     left : ndarray, shape (n, 3)
-        Share of each innovation that the filter leaves when it corrects by the fix.
+        Share of each innovation that remains after the correction of the filter.
     sigma : ndarray, shape (n, 3)
-        What the receiver says, m.
+        Stated by the receiver, m.
     """
     if len(time_ns) <= AROUND:
         return []
@@ -117,7 +118,7 @@ def _jumps(step: FloatArray, near: BoolArray) -> tuple[BoolArray, FloatArray]:
 def _disagreeing(
     first: IntArray, last: IntArray, offset: FloatArray, noise: float, sigma: FloatArray
 ) -> list[FalseStretch]:
-    """Of stretches that follow each other, those that are off; all, where no offset prevails."""
+    """Stretches that are off; all of them if no offset has a majority."""
     place = np.arange(len(first))
     many = (last - first + 1).astype(np.float64)
     apart = np.linalg.norm(offset[:, None] - offset[None, :], axis=2)

@@ -1,8 +1,8 @@
-"""Velocities derived from a receiver's positions, and their earlier instant.
+"""Velocities derived from a receiver's positions, and the lag of its own velocities.
 
-A filter takes positions as they are: velocities from their differences would give it the same
-thing twice. But an attitude in motion is found from changes of velocity, and a receiver may give
-none: velocities from positions are good enough to start from, and for nothing else.
+A filter uses positions as they are: velocities derived from them would count them twice. But an
+attitude in motion is found from changes of velocity, and a receiver may give none: velocities from
+positions are good enough for a start, and for nothing else.
 """
 
 from __future__ import annotations
@@ -22,29 +22,31 @@ from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.latency import NOT_OBSERVABLE, Latency, correlate
 
-# A parabola is laid through the fixes within so many seconds to either side: as few as make the
-# velocity good to this, m/s, for what a parabola does not follow grows with their square.
+# A parabola is fitted to the fixes within so many seconds before and after; within the shortest of
+# these times that gives velocity to this sigma, m/s, as accelerations that a parabola does not
+# follow have an effect that grows with the square of the time.
 SHORTEST_S, LONGEST_S = 1.0, 4.0
 TARGET = 0.15
 LEAST = 5
 LEAST_SIGMA = 0.02
-# A fix so many times further off the line between its neighbours than usual is none; a vehicle that
-# turns, or brakes, accelerates by so much at most, m/s^2.
+# A fix is an outlier if it is off the line between its neighbours by this many times the usual
+# distance, and by more than a turn or braking explains, m/s^2.
 OUTLYING, MOST_TURN, OUTLIER_ROUNDS = 15.0, 20.0, 5
 LEAST_FIXES = 40
-# A receiver that says so many times its usual sigma is off by errors that last.
+# A sigma of so many times the usual one belongs to a fix with an error that lasts.
 WORSE = 3.0
-# A lag of so many sigmas leaves squares smaller by this than none does, in units of the noise,
-# unless motion that repeats itself has led astray: a lag of an interval then does by up to 35.
+# A lag of this many sigmas is not observable unless it lowers the sum of squares by this, in units
+# of the noise: repetitive motion leads to a lag of an interval, which lowers it by up to 35.
 LAG_SIGMAS, LEAST_CONTRAST = 5.0, 50.0
-# The noise of velocities shows between such times, s, in so many of the long one.
+# A short and a long time, s, over which the noise of velocities is compared; the fixes must hold so
+# many of the long ones.
 BOUND_S, LEAST_LONG = (2.0, 20.0), 4.0
 # Fixes at a time: a row of each takes half a kilobyte
 BLOCK = 2**14
 
 
 def with_velocities(gnss: GnssEpochs, sigma_m: float, wander: float | None = None) -> GnssEpochs:
-    """Epochs with velocities made from their positions.
+    """Epochs with velocities derived from their positions.
 
     Parameters
     ----------
@@ -53,16 +55,16 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float, wander: float | None = Non
     sigma_m : float
         Noise of a position from one fix to the next, m.
     wander : float, optional
-        By how much a slowly varying error of positions has changed after a second, m. It makes
-        sigmas those for a filter that takes the noise of velocities to be white: those of half a
-        window are of the same fixes, and worth no more than one.
+        Change of a slowly varying error of positions within a second, m. With it the sigmas are
+        those for a filter that takes the noise of velocities for white: velocities within half a
+        window are from the same fixes, and count as one.
 
     Returns
     -------
     GnssEpochs
-        Those with enough fixes around them; velocities have the sigmas that follow from
-        `sigma_m`, and from what fixes are off their parabola beyond that: of a third derivative it
-        takes four times the rms over half the window's length for velocity.
+        Those with enough fixes around them. The sigmas of velocities follow from `sigma_m`, and
+        from the excess of residuals over it, which counts as a third derivative: four times their
+        rms over half the window's length.
     """
     # One that is far off would spoil the velocities of all around it
     there = gnss.has_position & np.isfinite(gnss.height)
@@ -89,7 +91,7 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float, wander: float | None = Non
 
 
 def worse_than_usual(gnss: GnssEpochs) -> BoolArray:
-    """Positions that the receiver says to be far worse than most of the log's, shape (n,)."""
+    """Positions that the receiver states to be far worse than most of the log, shape (n,)."""
     sigma = gnss.sigma_position_n
     stated = np.isfinite(sigma).all(axis=1)
     if not stated.any():
@@ -101,9 +103,9 @@ def worse_than_usual(gnss: GnssEpochs) -> BoolArray:
 def outlying(gnss: GnssEpochs) -> BoolArray:
     """Positions far off the line between their neighbours, shape (n,), whatever a filter expects.
 
-    A filter that takes every fix is thrown off by one that is a thousand sigmas away. Off the line
-    are fixes of a vehicle that turns or brakes too, by no more than it can. Of several in a row the
-    farthest is the one that is off, and the others are its neighbours.
+    Without a gate, a fix that is a thousand sigmas away would ruin a filter. Fixes of a vehicle
+    that turns or brakes are off the line too, but no further than it can accelerate. Of several in
+    a row the farthest is the outlier, and the others are its neighbours.
     """
     bad = np.zeros(len(gnss), dtype=np.bool_)
     rows = np.flatnonzero(gnss.has_position)
@@ -138,7 +140,7 @@ def track_of(gnss: GnssEpochs) -> tuple[FloatArray, FloatArray]:
 
 
 def stated_sigma(gnss: GnssEpochs) -> float:
-    """What a receiver usually says of a horizontal axis of its positions, m; 0: nothing."""
+    """Usual stated sigma of a horizontal axis of positions, m; 0 if none is stated."""
     sigma = gnss.sigma_position_n[:, :2]
     return float(median(sigma[np.isfinite(sigma)])) if np.isfinite(sigma).any() else 0.0
 
@@ -244,15 +246,15 @@ def _shared(seconds: np.ndarray, half: float, sigma_m: float, wander: float) -> 
 def velocity_lag(gnss: GnssEpochs) -> Latency:
     """Delay of a receiver's velocities relative to its positions.
 
-    Some receivers difference positions, or average the Doppler shift over the interval that ends
-    at the fix: their velocity is that of half an interval before. Found from the fixes alone, by
-    sliding positions along the integral of the velocities.
+    Some receivers difference positions, or average the Doppler shift over the interval that ends at
+    the fix: their velocity is that of half an interval before. The delay is found from the fixes
+    alone, by shifting positions against the integral of the velocities.
 
     Returns
     -------
     Latency
-        Positive where velocities are late. Not observable where no lag explains the fixes all but
-        as well: steps of a walk between fixes, or swings, look alike an interval later.
+        Positive if velocities are late. Not observable if no lag explains the fixes about as well:
+        steps of a walk, or swings, may look alike an interval later.
     """
     fixes = gnss.rows(gnss.has_position & gnss.has_velocity)
     if len(fixes) < 20:
@@ -276,17 +278,17 @@ def velocity_lag(gnss: GnssEpochs) -> Latency:
 
 
 def velocity_noise_bound(gnss: GnssEpochs) -> float:
-    """Most white noise that velocities may have beside the positions of the same receiver.
+    """Largest white noise of velocities that is possible beside the receiver's own positions.
 
-    Positions less the way by the velocities wander as the velocities' noise adds up, the more the
-    longer: a variance of white noise times interval and time, and beside it that of the positions,
-    of which what is white is the same after a short time and a long one.
+    Positions less the integral of the velocities wander, as the noise of the velocities adds up:
+    their variance grows by the velocities' variance times interval and time. The white noise of the
+    positions adds the same variance after a short and a long time.
 
     Returns
     -------
     float
-        Of one horizontal axis, m/s; what positions wander by themselves makes it larger. NaN where
-        fewer than `LEAST_LONG` of the long times are in the fixes.
+        Of one horizontal axis, m/s; too large if the positions themselves wander. NaN if there are
+        fewer than `LEAST_LONG` of the long times.
     """
     fixes = gnss.rows(gnss.has_position & gnss.has_velocity)
     if len(fixes) < LEAST:
@@ -321,12 +323,12 @@ def split_position_velocity(gnss: GnssEpochs, velocity_lag_s: float) -> GnssEpoc
     Parameters
     ----------
     velocity_lag_s : float
-        See :func:`velocity_lag`; with 0 the epochs stay as they are.
+        See :func:`velocity_lag`; with 0 the epochs are unchanged.
 
     Returns
     -------
     GnssEpochs
-        By time, all of them valid one and the same latency before their stamps.
+        By time, all of them valid the same latency before their stamps.
     """
     if velocity_lag_s == 0.0:
         return gnss

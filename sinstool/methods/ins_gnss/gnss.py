@@ -22,11 +22,10 @@ _RATE = earth.EARTH_RATE
 FAR = 1000.0  # m between navigation and fixes, beyond which linear errors mean little
 FAR_ATTITUDE = pi / 180.0
 
-# After so long without epochs, s, it is the navigation that is uncertain, and not the fix: what an
-# IMU does in an outage is more than the noise of its grade (vibration, the squat of a car
-# that pulls away). Until they agree again, innovations may be larger, squared by this factor,
-# before they are turned down: a good fix turned down costs the way to the restart, and a smoother
-# the outage.
+# After this long without epochs, s, the navigation is uncertain, not the fix: in an outage an IMU
+# has larger errors than the noise of its grade (vibration, the squat of a car that pulls away).
+# Until fixes agree again, squared innovations may be larger by this factor before they are
+# rejected: a good fix that is rejected costs the time to the restart, and a smoother the outage.
 OUTAGE = 5.0
 AFTER_OUTAGE = 16.0
 AGREE = 10.0  # epochs in succession
@@ -138,7 +137,7 @@ def gnss_epoch(
             return
         instants.record(m, events, layout.E_RESTART, nis)
         diagnosis[layout.D_RESTARTED] = 1.0
-        # Where a restart did not help, the fixes are believed rather than the filter
+        # If a restart did not help, the filter is wrong, not the fixes
         m.after_outage[alone] = AGREE if instants.lately_restarted(m, model) else 0.0
         instants.begin_anew(m, model)
         rows = _compare(m, model, fix, back, diagnosis)
@@ -269,10 +268,10 @@ def _compare(m: Memory, model: Model, fix: FloatArray, back: float, diagnosis: F
 
 @part()
 def _white_variance(model: Model, i: int, sigma: float, slow_states: bool) -> float:
-    """Variance of a row's white noise, from the receiver's own figure where there is one.
+    """Variance of a row's white noise, from the stated sigma if there is one.
 
-    A receiver speaks of all of its error. Where the slow part has states of its own, the rest
-    is left for the white one; a receiver that claims less than the model has the model's share.
+    A receiver states its whole error. If the slow part has states of its own, the rest is white;
+    for a receiver that states less than the model has, the white share of the model is used.
     """
     white = model.gnss_white[i]
     if not (np.isfinite(sigma) and sigma > 0.0):

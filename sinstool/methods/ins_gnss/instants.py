@@ -35,11 +35,11 @@ _VD = states.VELOCITY + 2
 
 GAP_TIME = 1.0  # s, correlation time of what the motion may have been in a gap
 
-# A second restart within this time, s, adds these sigmas to those of the start, which were wrong:
-# m/s, rad, rad/s and m/s^2.
+# A second restart within this time, s, adds these sigmas, m/s, rad, rad/s and m/s^2, to those of
+# the start, which were too small.
 NOT_HELPED = 120.0
-# Each time it also doubles all sigmas, of the gate and of the answer: model and data do not fit
-# each other, and more restarts would not mend that.
+# Each such restart also doubles all sigmas, of the gate and of the output: model and data do not
+# fit, and more restarts would not help.
 MOST_DOUBT = 1024.0
 LOST_VELOCITY = 20.0
 LOST_ATTITUDE = 10.0 * DEGREE
@@ -118,9 +118,9 @@ def close_substep(m: Memory, model: Model) -> None:
 
 @part()
 def _uncertain_by_turning(m: Memory, model: Model) -> None:
-    """Attitude is less certain after a turn: across its axis where axes of gyros are misaligned.
+    """Make the attitude less certain across the axis of a turn, as axes of gyros are misaligned.
 
-    About its axis a turn is wrong by scale factors only, so that the heading of a car stays.
+    About its axis a turn is wrong by scale factors only, so the heading of a car is not affected.
     """
     t = m.mean_cw
     turn = (
@@ -311,17 +311,18 @@ def _feed_back_vehicle(vehicle: FloatArray, x: FloatArray, first: int) -> None:
 
 @part()
 def lately_restarted(m: Memory, model: Model) -> bool:
-    """Whether a restart is so recent that it did not help, and more is to be admitted then."""
+    """Whether the latest restart is so recent that it did not help; larger sigmas then follow."""
     since = m.now - m.restart_at
     return model.escalate > 0.0 and since < NOT_HELPED
 
 
 @part()
 def begin_anew(m: Memory, model: Model) -> None:
-    """Covariance as at the start; navigation and sensors stay, GNSS errors are forgotten.
+    """Restart with the covariance of the start; navigation and sensors stay, GNSS errors are
+    zeroed.
 
-    Where that did not help a moment ago, what the start believed is wrong: nothing is known then
-    beyond what a vehicle can have done.
+    If a restart shortly before did not help, the sigmas of the start were too small: they are
+    enlarged to what a vehicle can have done.
     """
     n = m.n
     for i in range(n):

@@ -34,7 +34,7 @@ WINDOW_S = 8.0
 heading errors that a line does not follow."""
 
 MAX_SIGMA_S = 0.05
-"""A latency that is not known to this is as good as not known."""
+"""A latency with a larger sigma counts as not observable, s."""
 
 # -2 log L between the best latency and the worst of the range, below which it is noise: five sigma.
 _CONTRAST = 25.0

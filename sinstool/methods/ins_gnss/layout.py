@@ -23,8 +23,8 @@ from sinstool.methods.ins_gnss.states import INDEX_SIZE, MOVING, SIZE, WHOLE, WI
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 
 ROWS = 6  # of a GNSS epoch
-# Of a single measurement. A literal 1 would be a type of its own to numba, and every function that
-# it is passed to would be compiled twice.
+# One row: a single measurement. A literal 1 would be a type of its own to numba, and every function
+# that it is passed to would be compiled twice.
 ONE_ROW: Any = np.int64(1)
 # What is known of a land vehicle: C_vb by rows, then axle, sideslip, squat, wheel scale
 VEHICLE_SIZE = 13
@@ -38,11 +38,11 @@ V_REST_RATE = 4
 V_LATERAL = 5
 V_VERTICAL = 6
 V_WHEEL = 7
-V_SHAKEN_FORCE = 8  # what the IMU feels at rest beyond its own noise, power densities
+V_SHAKEN_FORCE = 8  # vibration at rest beyond the noise of the IMU, power densities
 V_SHAKEN_RATE = 9
 V_PARAMETERS = 10
-# Columns of the grid: whether the vehicle rests (2: surely), whether it may be held not to slide,
-# its wheels' speed, m/s, NaN where unknown, and whether it stands, the ends of rests included
+# Columns of the grid: whether the vehicle rests (2: surely), whether it is assumed not to slide,
+# its wheels' speed, m/s, NaN where unknown, and whether it stands, including the ends of rests
 G_REST, G_ROLLS, G_WHEEL, G_STANDS = range(4)
 
 # --- a row of diagnostics -----------------------------------------------------------------
@@ -84,7 +84,7 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("n", np.int64),  # states, of which the first so many move
     ("width", np.int64),  # of rows: made up with zeros
     ("nav", (NAV_SIZE,)),
-    # Taken off: gyro bias, accelerometer scale and bias, gyro scale, misalignment of both
+    # Removed: gyro bias, accelerometer scale and bias, gyro scale, misalignment of both
     ("sensors", (24,)),
     ("channel", (STATE_SIZE,)),  # of sinstool.methods.height.layout
     ("mean_c", (3, 3)),  # integral of C_nb over the substep
@@ -101,7 +101,7 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("latest", (ROWS,)),  # innovations over their sigma; NaN where there was none
     ("rejected", (ROWS,)),  # innovations of epochs rejected since the row was used last, or 0
     ("vehicle", (VEHICLE_SIZE,)),
-    ("moved", (9,)),  # latitude, longitude, height, velocity, rate per second in an update
+    ("moved", (9,)),  # changes per second: latitude, longitude, height, velocity, rate
     # Times are in s, flags 0 or 1. Pairs: of epochs with a position; with velocity only
     ("started",),  # 1 after the first update
     ("now",),  # end of the update before
@@ -115,40 +115,40 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("rate", (3,)),  # angular rate and specific force of the latest update
     ("swing", (3,)),  # the rate that swings the antenna, at its end
     ("force", (3,)),
-    ("recent", (6,)),  # the same, means of the latest half second or so
-    ("bridge", (6,)),  # the same, within an Imu gap
+    ("recent", (6,)),  # rate and force, means of the latest half second or so
+    ("bridge", (6,)),  # rate and force assumed within an Imu gap
     ("open",),  # 1 while measurements at this instant are being made
     ("instant_at",),  # time of the latest instant
     ("step",),  # what the channel would have changed the height by on engaging again, m
     ("step_set",),
     ("row_at",),  # time of the latest measurement of the correction
-    ("baro_at",),  # of the latest baro difference looked at as a measurement
+    ("baro_at",),  # time of the latest baro difference used as a measurement
     ("sample",),  # 1 where a baro sample came with this update; its difference, m, and age
     ("sample_difference",),
     ("sample_age",),
     ("sample_stamp",),
-    ("row_streak",),  # baro differences rejected one after the other
+    ("row_streak",),  # consecutive baro differences that were rejected
     ("jump_at",),  # time of the barometer's latest jump
-    ("distrust",),  # until when samples of the barometer are turned down
+    ("distrust",),  # until when samples of the barometer are rejected
     ("used_at",),  # time of the latest epoch used
     ("begun",),  # 1 if the filter began anew since the latest stored row
     ("in_gap",),  # 1 within an IMU gap
-    ("level_until",),  # until when tilts that were unknown may be as yet
+    ("level_until",),  # until when a tilt that was unknown may still be so
     ("window_seen",),  # epochs in the window so far
     ("far",),  # 1 after the warning that the navigation is far from the fixes
-    ("streak", (2,)),  # epochs rejected one after the other, pair
-    ("far_share", (2,)),  # of the latest epochs, too far off for the noise given, pair
+    ("streak", (2,)),  # consecutive epochs that were rejected, pair
+    ("far_share", (2,)),  # share of the latest epochs beyond the gate with the noise given, pair
     ("seen_at", (2,)),  # time of the latest epoch, used or not, pair
     ("after_outage", (2,)),  # epochs that have yet to agree after an outage, pair
     ("rejected_since", (2,)),  # time of the first of the epochs rejected in a row, pair
     ("latest_fix", (2,)),  # latitude and longitude, rad
     ("restart_at",),  # time of the latest restart
-    ("doubt",),  # factor on gate and covariances that come out, since restarts did not help
+    ("doubt",),  # factor on the gate and on the covariances put out, where restarts did not help
     ("constrained_at",),  # time of the latest constraint
     ("shaken",),  # 1 where the vehicle stands by the grid
     ("rolling", (6,)),  # rate and force, low-passed
-    ("turned", (4,)),  # rotation since the latest constraint as measured, and the time of it
-    # Counted: updates and epochs; constraints used, and rows of no slip and wheels turned down
+    ("turned", (4,)),  # measured rotation since the latest constraint, and its duration
+    # Counts: updates and epochs; constraints used, and rows of no slip and of wheels rejected
     ("updates",),
     ("epochs_used",),
     ("epochs_gated",),
@@ -218,13 +218,13 @@ _MODEL: tuple[tuple[Any, ...], ...] = (
     ("baro_gate",),
     ("measured",),  # 1: the gate measures the noise of fixes
     ("gnss_white", (ROWS,)),  # variances
-    ("gnss_markov", (ROWS,)),  # variances that have states of their own
-    ("gnss_all", (ROWS,)),  # variances without those states
+    ("gnss_markov", (ROWS,)),  # variances of coloured noise, which has states of its own
+    ("gnss_all", (ROWS,)),  # variances of all noise, for a filter without those states
     ("gates", (ROWS + 1,)),  # by number of rows
     ("channel_gate",),  # of the vertical channel at rest, m
     ("turn_variance",),  # of attitude about any axis per angle turned, rad
     ("across_variance",),  # and across the axis of the turn
-    ("escalate",),  # 1: restarts that do not help admit more
+    ("escalate",),  # 1: a restart soon after another has larger sigmas
 )
 
 

@@ -153,7 +153,7 @@ def run(
                 instants.record(m, events, layout.E_GAP_RESTART, gap)
                 _carry_over(m, model, gap)
                 while fix_next < len(fix_time) and fix_time[fix_next] < begin - dt:
-                    # Fixes of the gap's own time say nothing of where the vehicle is after it
+                    # Fixes within the gap do not show where the vehicle is after it
                     diagnoses[fix_next, layout.D_ROWS] = 0.0
                     fix_next += 1
         if bridges > 0:
@@ -162,7 +162,7 @@ def run(
             _motion_in_gap(m, gap, time, interval, phi, dv, k)
 
         for bridge in range(bridges + 1):
-            # Sensor errors off
+            # Remove sensor errors
             if bridge < bridges:
                 d = gap / bridges
                 px, py, pz = d * m.bridge[0], d * m.bridge[1], d * m.bridge[2]
@@ -269,7 +269,7 @@ def run(
                         baro.JUMP_ROWS,
                     )
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
-                # The way of this update, feedback of earlier instants not included
+                # The motion over this update, without feedback of earlier instants
                 turn = wrapped_angle(nav[LONGITUDE] - lon0)
                 moved[0] = (nav[LATITUDE] - lat0) * inverse
                 moved[1] = turn * inverse
@@ -277,8 +277,8 @@ def run(
                 moved[3] = (nav[V_NORTH] - vn0) * inverse
                 moved[4] = (nav[V_NORTH + 1] - ve0) * inverse
                 moved[5] = (nav[V_DOWN] - vd0) * inverse
-                # The rate that swings the antenna as it changes over this update: what long ones
-                # have in the mean changes from the middle of the one before
+                # Change over this update of the rate that swings the antenna: in long updates that
+                # of their mean rates, from the middle of the one before
                 smooth = dt > FOLLOWED_S
                 for i in range(3):
                     before = m.rate[i] if smooth else m.swing[i]
@@ -317,7 +317,7 @@ def run(
                 baro.correction_row(m, model)
             instants.close_instant(m, model, stored)
             if now - m.instant_at >= MAX_ROW_INTERVAL - ROUNDING:
-                # Nothing was measured; a smoother cannot see far across without a row
+                # Nothing was measured; a smoother needs rows that are not far apart
                 instants.open_instant(m, model, stored)
                 instants.close_instant(m, model, stored)
             elif now - m.from_time >= model.substep - ROUNDING:
@@ -356,7 +356,8 @@ def run(
                     for j in range(3):
                         line[at + 3 * i + j] = doubt * m.p[b + i, b + j]
                     if block < 2 and m.streak[0] > 1.0:
-                        # Fixes in a row are that far off: whichever of the two is wrong
+                        # Consecutive fixes differ by that much, and either they or the navigation
+                        # may be wrong
                         line[at + 4 * i] += m.rejected[b + i] ** 2
                 at += 9
     counts[0] = fix_next
@@ -419,10 +420,10 @@ def _motion_in_gap(
     dv: FloatArray,
     k: int,
 ) -> None:
-    """Rate and specific force with which a gap is bridged that update `k` follows.
+    """Rate and specific force with which the gap before update `k` is bridged.
 
     The mean of the motion before and after. Beside a gap that is longer than vibration these are
-    means over some time, as far as the block has it: one sample may be anything.
+    means over some time, as far as the block extends: one sample may have any value.
     """
     last, seconds = k + 1, interval[k]
     if gap > BRIDGE:
@@ -439,7 +440,7 @@ def _motion_in_gap(
         rate, force = m.rate[i], m.force[i]
         if gap > BRIDGE:
             rate, force = m.recent[i], m.recent[3 + i]
-            # What is from before the gap is not recent any more
+            # The mean from before the gap is no longer recent
             m.recent[i], m.recent[3 + i] = turned / seconds, gained / seconds
         m.bridge[i] = 0.5 * (rate + turned / seconds)
         m.bridge[3 + i] = 0.5 * (force + gained / seconds)

@@ -1,13 +1,13 @@
 """White noise of fixes from their innovations: for adaptive filters and the gate.
 
-A ratio of each row multiplies the variance that was given. ``sage-husa`` and ``innovation`` adapt
-it at every epoch. Otherwise a gate measures it before it turns a fix down: where the noise given is
-too small it would turn down nearly all of them and believe those few that happen to be near, which
-is worse than no gate. What tells noise from a bad fix, a jump of the fixes or a filter that has
-gone astray is how innovations change from one epoch to the next: a bad fix makes two changes large,
-a jump one and a stray filter none, while noise makes most of them so. A low quantile of them is
-taken, which many bad fixes leave small, over that of noise as given. A fix that is too far off for
-the noise given and for the noise measured is turned down.
+A ratio for each row multiplies the nominal variance. ``sage-husa`` and ``innovation`` adapt it at
+every epoch [1]_ [2]_. Otherwise the gate measures it before it rejects a fix: if the nominal noise
+is too small it would reject nearly all fixes and use those few that happen to be near, which is
+worse than no gate. What tells noise from a bad fix, a jump of the fixes or a filter that has
+diverged is how innovations change from one epoch to the next [3]_: a bad fix makes two changes
+large, a jump one and a diverged filter none, while noise makes most of them large. The ratio is a
+low quantile of the squared changes, which many bad fixes leave small, over its value with nominal
+noise. A fix is rejected if it is beyond the gate with both the nominal and the measured noise.
 
 References
 ----------
@@ -31,26 +31,27 @@ from sinstool.core.parts import part
 from sinstool.methods.ins_gnss import layout
 from sinstool.methods.ins_gnss.layout import Memory, Model
 
-# A share p of bad fixes makes 1 - (1 - p)^2 of the changes large, so that a quantile q stays one of
-# the others up to p = 1 - sqrt(q): 41 % here, 29 % for the median. Lower ones scatter more.
+# A share p of bad fixes makes 1 - (1 - p)^2 of the changes large, so that the quantile q is still
+# one of the others up to p = 1 - sqrt(q): 41 % here, 29 % for the median. Lower quantiles scatter
+# more.
 QUANTILE = 0.35
-# This quantile of chi-square with one degree of freedom, (Phi^-1(0.675))^2: halved, the square of
-# the difference of two independent unit normals is so distributed.
+# This quantile of chi-square with one degree of freedom, (Phi^-1(0.675))^2, is that of half the
+# square of the difference of two independent unit normals.
 OF_NORMAL = 0.2059
 SORTED = layout.ROWS  # a column to sort in
-# Changes that show noise that has begun just now. The third least of them is taken, whose mean
+# Number of changes that show noise that has begun just now. The third smallest is taken, whose mean
 # rank, 3 in 9, is near the quantile; two bad fixes make four changes large and leave it alone. With
-# noise as given nine in ten of what they say are between 0.09 and 3.9, hence NOISY.
+# the nominal noise 90 % of the resulting ratios are between 0.09 and 3.9, hence NOISY.
 SHORT: Any = np.int64(8)
-# Where the changes of all epochs kept (60) say so many times the variance given, these are believed
-# alone: with noise as given two in a thousand are beyond that, and the larger of theirs and of the
-# few changes', which scatter, would mostly be too large.
+# If the changes of all epochs kept (60) show this many times the nominal variance, they alone are
+# used: with nominal noise two in a thousand are beyond that, and the larger of their ratio and that
+# of the few changes, which scatters, would mostly be too large.
 NOISY = 3.0
-# Epochs over which the share of those too far off is a mean that fades: three in a row give 0.14,
-# four 0.19.
+# Time constant, in epochs, of the fading mean of the share beyond the gate: three in a row give
+# 0.14, four 0.19.
 FAR_EPOCHS = 20.0
-# With NOISY times the variance given this share of epochs with six rows is beyond the gate of
-# 99.99 %: the chance of chi-square above 27.86 / 3 is 0.158. With noise as given it is 0.0001.
+# With NOISY times the nominal variance this share of epochs with six rows is beyond the gate of
+# 99.99 %: the probability of chi-square above 27.86 / 3 is 0.158. With nominal noise it is 0.0001.
 FAR_SHARE = 0.15
 
 
@@ -100,8 +101,8 @@ def adapt(m: Memory, model: Model, window: FloatArray, rows: int) -> None:
 def note_changes(m: Memory, changes: FloatArray, rows: int) -> None:
     """Record changes of the innovations since the last epoch, over their nominal sigma.
 
-    After :func:`~sinstool.methods.ins_gnss.update.project`, of every epoch, believed or not.
-    Squared and halved, changes are 1 in the mean where the noise is as given.
+    After :func:`~sinstool.methods.ins_gnss.update.project`, of every epoch, used or rejected.
+    Squared and halved, changes are 1 in the mean where the noise is nominal.
     """
     length = changes.shape[0]
     for k in range(rows):
@@ -116,10 +117,10 @@ def note_changes(m: Memory, changes: FloatArray, rows: int) -> None:
 
 @part()
 def often_far(m: Memory, far: bool) -> bool:
-    """Whether to use the measured noise: for an epoch that nominal noise does not explain.
+    """Whether to use the measured noise: for an epoch that is beyond the gate with nominal noise.
 
-    And for those between many such epochs, which are as noisy though they happen to be near.
-    Epochs with velocity only are counted apart: their noise is another.
+    It is used, too, for epochs between many such ones, which are as noisy though they happen to be
+    near. Epochs with velocity only are counted separately, as their noise differs.
     """
     alone = 0 if row_of(m, 0) < 3 else 1
     m.far_share[alone] += ((1.0 if far else 0.0) - m.far_share[alone]) / FAR_EPOCHS
@@ -128,7 +129,7 @@ def often_far(m: Memory, far: bool) -> bool:
 
 @part()
 def use_measured(m: Memory, changes: FloatArray, rows: int) -> None:
-    """Measurement variances from changes of the innovations, where above the nominal ones."""
+    """Set measurement variances from changes of the innovations where above the nominal ones."""
     for k in range(rows):
         i = row_of(m, k)
         times = _low_change(m, changes, i, changes.shape[0])
@@ -151,7 +152,7 @@ def _low_change(m: Memory, changes: FloatArray, i: int, many: int) -> float:
     for j in range(many):
         value = changes[(seen - 1 - j) % length, i]
         k = j
-        # What is no number goes to the end
+        # NaN goes to the end
         while k > 0 and (value < changes[k - 1, SORTED] or np.isnan(changes[k - 1, SORTED])):
             changes[k, SORTED] = changes[k - 1, SORTED]
             k -= 1

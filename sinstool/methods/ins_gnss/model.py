@@ -7,7 +7,7 @@ With ``R_M``, ``R_N`` the radii of curvature plus the height, the mechanisation 
     C'   = C [omega_ib x] - [(omega_ie + omega_en) x] C
 
 and F its derivative, gravity's north component and the change of the radii with latitude
-included: nothing is left out, so that F is held against differences of the mechanisation itself.
+included: nothing is left out, so that F can be tested against differences of the mechanisation.
 Errors of the sensors enter as ``dv' = C (K f + bias)`` and ``psi' = -C (K_g omega + gyro bias)``,
 where K and K_g hold the misalignments beside their diagonals.
 

@@ -1,4 +1,4 @@
-"""What the innovations of a filter say of latency and lever arm: see `receiver_offsets`.
+"""Information on latency and lever arm in the innovations of a filter: see `receiver_offsets`.
 
 ``V`` and ``D`` are those of its equations.
 """
@@ -22,36 +22,50 @@ from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.followed_rates import followed_rates
 from sinstool.methods.strapdown.velocity import Increments
 
-_UPDATES = 4096  # at a time, for what a filter stores of them
-_HALF_S = 0.06  # velocity changes are taken over so much to either side
-_SETTLED_S = 20.0  # a filter's first innovations hold what is not linear in its start
-_MOST_OFF = 1e6  # an estimate astray by more for each s or m, in SI units, is of a filter gone wild
+_UPDATES = 4096  # in one block, as the filter stores its covariances at each
+_HALF_S = 0.06  # accelerations are velocity changes over this time before and after an instant
+_SETTLED_S = 20.0  # the first innovations contain errors of the start that are not linear
+_MOST_OFF = 1e6  # largest V, in SI units, of a filter that has not diverged
 _TOLERANCE_NS = 200
-_FAR = 3.0  # innovations over what is usual in the log: beyond, they count the less
-_STRETCH_S = 15.0  # scores of such stretches are independent of each other
+_FAR = 3.0  # innovations beyond this many times the usual one of the log are weighted down
+_STRETCH_S = 15.0  # scores of different stretches of this length are independent
 
 
 @dataclass(frozen=True)
 class OffsetScores:
-    """What each epoch says of latency and arm; arrays of n rows."""
+    """Scores of each epoch for latency and lever arm; arrays of n rows.
+
+    Attributes
+    ----------
+    time_ns : ndarray of int64, shape (n,)
+        When the fixes of each epoch are valid.
+    information, score : ndarray, shape (n, 4, 4) and (n, 4)
+        Of latency, s, and arm, FRD, m: ``(H V + D)^T S^-1 (H V + D)`` and ``(H V + D)^T S^-1 nu``.
+    nis, rows : ndarray, shape (n,)
+        Normalised innovation squared, and the number of its rows.
+    turned : ndarray, shape (n, 3, 4, 4)
+        Products of V of each axis of attitude, NED.
+    used, begins : ndarray of bool, shape (n,)
+        Whether the filter used the epoch, and whether it restarted there.
+    """
 
     time_ns: IntArray
-    information: FloatArray  # (n, 4, 4)
-    score: FloatArray  # (n, 4)
+    information: FloatArray
+    score: FloatArray
     nis: FloatArray
     rows: FloatArray
-    turned: FloatArray  # (n, 3, 4, 4)
+    turned: FloatArray
     used: BoolArray
-    begins: BoolArray  # the filter began anew
+    begins: BoolArray
 
     def __len__(self) -> int:
         return len(self.time_ns)
 
     @property
     def robust(self) -> OffsetScores:
-        """The same, of which no single epoch weighs more than usual ones do (after Huber 1964).
+        """The same with large innovations weighted down (after Huber 1964).
 
-        A bad fix may be many thousand sigmas off, and says of a latency as much as all others.
+        A bad fix may be off by many thousand sigmas, and would weigh as much as all others.
         """
         size = np.sqrt(self.nis / np.maximum(self.rows, 1.0))
         far = _FAR * max(float(np.median(size)), 1.0)
@@ -65,7 +79,7 @@ class OffsetScores:
         )
 
     def scatter(self, score: FloatArray) -> FloatArray:
-        """Covariance of the sum of scores, shape (n, p), by how those of stretches scatter."""
+        """Covariance, (p, p), of the sum of scores, (n, p), by the scatter of sums of stretches."""
         stretch = ((self.time_ns - self.time_ns[0]) * 1e-9 / _STRETCH_S).astype(np.int64)
         sums = np.stack([np.bincount(stretch, column) for column in score.T], axis=1)
         sums = sums[np.bincount(stretch) > 0]
@@ -75,7 +89,7 @@ class OffsetScores:
 def offset_scores(
     start: Start, settings: Settings, parts: Iterable[Increments], gnss: GnssEpochs
 ) -> OffsetScores | None:
-    """Of a filter with all the states that there are without a barometer, None if it diverges."""
+    """Scores by a filter with all states that need no barometer; None if it diverges."""
     plain = replace(
         settings,
         filter="markov-27",
@@ -135,7 +149,7 @@ def _of_block(
     inverse = np.zeros((len(row), 6, 6))
     rounds = int(turn.max()) + 1 if len(turn) else 0
     for k in range(rounds):
-        # Mostly there is one, and nothing has to be picked
+        # Mostly there is one epoch for an instant, and no rows have to be selected
         now: BoolArray | slice = turn == k if rounds > 1 else slice(None)
         hp = h[now] @ p[now]
         s = hp @ np.swapaxes(h[now], 1, 2) + noise[now][:, :, None] * np.eye(6)
@@ -149,7 +163,7 @@ def _of_block(
             p[following[more]] = after[more]
     shown, turned = np.empty((len(row), 6, 4)), np.empty((len(row), 3, 4))
     off = off.copy()
-    _gone_astray(stored.transition, row, h, d, gain, off, shown, turned, np.empty_like(off))
+    _carry_sensitivity(stored.transition, row, h, d, gain, off, shown, turned, np.empty_like(off))
     weighed = np.swapaxes(shown, 1, 2) @ inverse
     scores = OffsetScores(
         gnss.time_ns,
@@ -165,7 +179,7 @@ def _of_block(
 
 
 @kernel(vectorizes=False)
-def _gone_astray(
+def _carry_sensitivity(
     transition: FloatArray,
     row: IntArray,
     h: FloatArray,
@@ -176,7 +190,7 @@ def _gone_astray(
     turned: FloatArray,
     before: FloatArray,
 ) -> None:
-    """Carry V on over stored rows, and note what it shows in the innovations of each epoch.
+    """Propagate V over stored rows, and compute its share in the innovations of each epoch.
 
     Parameters
     ----------
@@ -188,9 +202,9 @@ def _gone_astray(
     off : ndarray, shape (n, 4)
         V, changed in place.
     shown, turned : ndarray, shape (k, 6, 4) and (k, 3, 4)
-        Get ``H V + D``, and V of the attitude after the epoch.
+        Filled with ``H V + D``, and with V of the attitude after the epoch.
     before : ndarray, shape (n, 4)
-        Room to work in.
+        Work space.
     """
     n = len(off)
     epoch = 0
@@ -228,11 +242,11 @@ def _gone_astray(
 def _rows_of_fixes(
     run: InsGnssFilter, updates: UpdateColumns, interval: FloatArray, valid_ns: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """How innovations depend on the states, (n, 6, states), and on latency and arm, (n, 6, 4)."""
+    """H and D: innovations by the states, (n, 6, states), and by latency and arm, (n, 6, 4)."""
     seconds = (updates.time_ns - updates.time_ns[0]) * 1e-9
     at = (valid_ns - updates.time_ns[0]) * 1e-9
-    # What the filter took off would bring its innovations' noise into what they are held against:
-    # velocities and attitudes are those before the fix, and change as the IMU says.
+    # Velocities and attitudes are those before the fix, carried on by the IMU: corrections of the
+    # filter would bring the noise of its innovations into H and D.
     before = np.concatenate([updates.q_nb[:1], updates.q_nb[:-1]])
     sign = np.sign(np.sum(before * updates.q_nb, axis=1, keepdims=True))
     free = inertial_velocity(
@@ -246,13 +260,13 @@ def _rows_of_fixes(
     k = np.minimum(np.searchsorted(updates.time_ns, valid_ns - _TOLERANCE_NS), len(seconds) - 1)
     last = np.maximum(k - 1, 0)
     ends = np.clip([at - _HALF_S, at + _HALF_S], seconds[0], seconds[-1])
-    # An arm that is multiplied by a rate with all of the vibration is found too short
+    # With the unfiltered rate, vibration included, the arm would come out too short
     turned = updates.omega_ib_b * interval[:, None]
     rates = followed_rates(updates.time_ns, interval, turned)
     followed = np.column_stack([np.interp(at, seconds, column) for column in rates.T])
-    # Only where it is asked for: updates are many more than what lies beside fixes
+    # Only beside fixes: there are many more updates than these
     after = np.searchsorted(seconds, np.concatenate([at, *ends]), side="right")
-    # The first of all beside them, as a block may be without fixes
+    # And the first update, as a block may have no fixes
     beside = np.concatenate([[0], k, last, after - 1, after])
     some = np.unique(beside.clip(0, len(seconds) - 1))
     rate = updates.omega_ib_b[some]

@@ -1,9 +1,9 @@
-"""Error of a solution whose fixes or samples are used at wrong times, or of an antenna elsewhere.
+"""Errors of a solution by a wrong latency, a wrong lever arm, or samples of another time.
 
-A filter follows its fixes: where the latency is wrong the whole solution is early or late, and
-where the lever arm is, it lies beside the track. Innovations hardly show either, and no state
-stands for them. So it is with the samples of the Imu: where each may be a mean until its stamp or a
-rate at it, the two motions are half a sample apart.
+A filter follows its fixes: with a wrong latency the whole solution is early or late, and with a
+wrong lever arm it lies beside the track. Innovations hardly show either, and there are no states
+for them. The same holds for the samples of the Imu: each may be a mean until its stamp or a rate at
+it, and the two motions are half a sample apart.
 """
 
 from __future__ import annotations
@@ -19,34 +19,34 @@ from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import STANDARD_GRAVITY
 
-# Fixes hold a solution to their own time and place over so long: what shakes faster the Imu shows
-# rightly.
+# Fixes hold a solution to their own time and place over this time, s; faster motion is that of the
+# Imu.
 HELD_NS = SECOND
 
 
 class OffsetsError:
-    """Adds to covariances what comes of a wrong latency and lever arm, while solutions stream by.
+    """Adds the errors by a wrong latency and lever arm to covariances of solutions that stream by.
 
-    With ``b`` the true latency and arm less those used, position is off by ``J b``, where
-    ``J = [-v_n, C_nb]``, and velocity by what that changes by. An outage of fixes keeps the error
-    that it began with, which is small beside what grows in it.
+    With ``b`` the true latency and arm less those used, position is off by ``J b``, where ``J =
+    [-v_n, C_nb]``, and velocity by the change of that. In an outage the error stays what it was at
+    its start, which is small compared with what grows meanwhile.
 
     Parameters
     ----------
     moment : array_like, shape (4, 4)
         Expected ``b b^T``, of s and m (FRD); where it is 0 nothing is added.
     turned : array_like, shape (3, 4, 4), optional
-        Mean products of what each axis of attitude, NED, is off by for each part of b, rad; see
+        Mean products of the attitude errors about each axis, NED, by each part of b, rad; see
         :class:`~sinstool.methods.ins_gnss.receiver_offsets.ReceiverOffsets`.
     sample_s : float, optional
-        By how much the samples of the Imu may be of another time, s, as likely as not.
+        Time, s, by which the samples of the Imu may be off, with even odds.
     shared : bool, optional
-        The latency is that of the fixes against these samples: so is position then.
+        Whether the latency was estimated against these samples: then position is off too.
 
     Attributes
     ----------
     largest_m : float
-        What has been added most to the sigma of a position for the latency alone.
+        Largest sigma of position added for the latency alone, m.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class OffsetsError:
         self._shift = np.empty((0, 3, 4))
 
     def added(self, solution: Solution) -> Solution:
-        """The next solutions, in the order of time, with covariances that admit the error."""
+        """The next solutions, in the order of time, with these errors in their covariances."""
         position, velocity = solution.covariance_position_n, solution.covariance_velocity_n
         attitude, v = solution.covariance_attitude_n, solution.velocity_n
         moved = bool(self._moment.any()) and v is not None

@@ -1,18 +1,18 @@
 """Latency of fixes and lever arm, estimated together from innovations.
 
-The one looks like the other: at constant speed a latency moves every fix along the track as an
-arm further back does. What tells them apart is speed that changes, and a body that does not turn as
-its course does. So both are estimated at once, each about what is usual or was given for it, and
-what the data leave open stays in their covariance.
+They look alike: at constant speed a latency moves every fix along the track as an arm further back
+does. Changes of speed tell them apart, and a body that does not turn as its course does. So both
+are estimated at once, each with a prior about its usual or given value, and what the data leave
+open stays in their covariance.
 
-A constant error of the measurements changes the innovations of a filter linearly: the estimate
-of an ordinary filter goes astray by ``V b`` where ``b`` are latency and arm less those it assumes.
-``V`` follows from the filter's own transitions and gains [1]_, its innovations are ``(H V + D) b``
-and white noise of the covariance that it expects, so that one pass gives the information on b and
-all that the filter estimates beside is accounted for: attitude, biases, lasting errors of fixes.
+A constant error of the measurements changes the innovations of a filter linearly: with ``b``, the
+latency and arm less those assumed, the filter's estimate is off by ``V b``. ``V`` follows from the
+filter's own transitions and gains [1]_. Its innovations are ``(H V + D) b`` plus white noise of the
+covariance that it expects, so one pass gives the information on b, with everything that the filter
+estimates besides accounted for: attitude, biases, slowly varying errors of fixes.
 
-White innovations are what the filter believes. Beside the covariance of that belief stands the one
-by how the scores of stretches really scatter [2]_; of each sigma the larger counts.
+The filter takes its innovations to be white. Another covariance follows from the scatter of the
+scores of stretches [2]_; of both sigmas the larger one is used.
 
 References
 ----------
@@ -32,49 +32,38 @@ import numpy as np
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate, clock_rate
-from sinstool.methods.ins_gnss.latency import Latency, LatencyStatus
+from sinstool.methods.ins_gnss.latency import MAX_SIGMA_S, Latency, LatencyStatus
 from sinstool.methods.ins_gnss.offset_scores import OffsetScores, offset_scores
 from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.receiver_priors import ARM_GIVEN_M, ARM_UNKNOWN_M, ARM_USUAL_M, LATENCY_S
 from sinstool.methods.strapdown.velocity import Increments
 
-LATENCY_S = 0.2
-"""Latencies of receivers are 0 give or take this, 1 sigma."""
-
-ARM_SURE_M, ARM_UNKNOWN_M = 0.1, 2.0
-"""A lever arm is measured to a decimetre; one that is not given is within a couple of metres."""
-
-ARM_USUAL_M = 1.0
-"""So far is an antenna usually from the IMU, 1 sigma, where the log leaves open where it is."""
-
-MAX_SIGMA_S = 0.05
-"""A latency that is not known to this is as good as not known."""
-
 BEYOND, LATENCY_BEYOND, LEAST_LATENCY_S = 4.0, 3.0, 0.01
-"""Sigmas beyond which an estimate contradicts what was assumed, of an arm and of a latency, which
-has one axis; and seconds below which no other latency is spoken of."""
+"""An estimate contradicts the assumed arm or latency if it differs by more than so many sigmas (the
+arm has three axes, the latency one), and a latency also by more than so many seconds."""
 
-# Of an arm, whatever the noise: rates are means between samples, and a body bends, m. One nearer
-# than the second is where it was said to be.
+# Least sigma of an arm, m: rates are means between samples, and bodies bend. An estimate nearer
+# than the second one, m, does not contradict the arm that was given.
 _LEAST_SIGMA_M, LEAST_ARM_M = 0.03, 0.3
 _LEAST_SIGMA_S = 3e-4  # stamps and samples are no better
 _LEAST = 20  # epochs
-# The latency used and its estimate are brought this near, s, or to so much of a sigma; they agree
-# where they are within a sigma or so many seconds.
+# The iteration ends when the latency used and its estimate are this near, s, or within this share
+# of a sigma; they agree if they are within a sigma, or so many seconds.
 _AGREE_S, _AGREE, _APART_S = 1e-3, 0.2, 0.01
 _ROUNDS = 8
 _NEAR_S = 0.02
-_MOST_SLOPE = 0.5  # of the estimate by the latency used
-# A latency is not as likely as another if -2 log likelihood is so much more; others are looked for
-# in steps of so many seconds.
+_MOST_SLOPE = 0.5  # of the estimate over the latency used
+# A latency is less likely than another if its -2 log likelihood is larger by this; latencies are
+# tried in steps of so many seconds.
 _WORSE, _STEP_S = 9.0, 0.05
-# For the spread of an estimate that follows the latency used: at most so much of it, shown by
-# latencies at least so many sigmas apart, which are tried where sigma is beyond so many seconds.
+# An estimate follows the latency used by at most this share, shown by latencies at least so many
+# sigmas apart; these are tried if sigma is more than so many seconds.
 _MOST_FOLLOWED, _WIDE, _TRIED_S = 0.9, 1.0, 5e-3
 
 
 @dataclass(frozen=True)
 class ReceiverOffsets:
-    """A latency and an antenna's place, and how well they are known together.
+    """Estimates of latency and lever arm with their covariance.
 
     Attributes
     ----------
@@ -85,21 +74,21 @@ class ReceiverOffsets:
     covariance : ndarray, shape (4, 4)
         Of latency and arm, s and m.
     arm_off_b, arm_off_sigma_b : ndarray, shape (3,)
-        How much further on than it was assumed the antenna seems to be, by the data: whatever was
-        given, it may be a couple of metres elsewhere.
+        Estimated arm less the assumed one, FRD, m, with the prior of an arm that is not given, and
+        its sigma.
     turned : ndarray, shape (3, 4, 4)
-        Mean of the products of what each axis of attitude, NED, of a filter with wrong ones is off
-        by for each of them, rad.
+        Mean products of the errors of attitude about each axis, NED, that unit errors of latency
+        and arm cause, rad^2 per product of s and m.
     misfit : float
-        Innovations squared that are left, over what the filter expects, of the fixes used.
+        Mean normalised square, by row, of the innovations that these estimates leave.
     square, rows : float
-        The same of the innovations as they are, and how many numbers they are.
+        The same of the innovations themselves, and the number of their rows.
     given : bool
-        Whether somebody said where the antenna is.
+        Whether the user gave the lever arm.
     spread : float
-        By how much less certain the latency is than its covariance says, see :func:`settle`.
+        Factor by which the sigma of the latency exceeds that of the covariance, see :func:`settle`.
     clock : ClockRate
-        By how much the latency changes meanwhile.
+        Rate of change of the latency.
     """
 
     latency_s: float
@@ -117,7 +106,7 @@ class ReceiverOffsets:
 
     @property
     def sigma_s(self) -> float:
-        """Of the latency: no more than that of any receiver."""
+        """Standard deviation of the latency, s: at most that of the prior."""
         return min(self.spread * float(np.sqrt(self.covariance[0, 0])), LATENCY_S)
 
     @property
@@ -129,7 +118,7 @@ class ReceiverOffsets:
     def arm_contradicts(self) -> bool:
         """Whether the log shows that the antenna is not where it was assumed to be.
 
-        An axis known no better than before tells nothing, however far off it seems.
+        Axes on which the data hardly improve on the prior do not count, however far off they seem.
         """
         off, sigma = self.arm_off_b, self.arm_off_sigma_b
         shown = (np.abs(off) > BEYOND * sigma) & (sigma < 0.5 * ARM_UNKNOWN_M)
@@ -137,23 +126,23 @@ class ReceiverOffsets:
 
     @property
     def arm_shown(self) -> bool:
-        """Whether the log shows where an antenna is of which nobody said that."""
+        """Whether the log shows a lever arm that was not given."""
         sigma = self.arm_off_sigma_b
         far = np.abs(self.arm_off_b) > BEYOND * sigma
         return not self.given and bool(np.any(far & (sigma < 0.5 * ARM_UNKNOWN_M)))
 
     @property
     def arm_elsewhere_b(self) -> FloatArray | None:
-        """The arm to look for more about, where the log shows that it is not the one assumed."""
+        """The arm to repeat the estimate about, if the log shows that the assumed one is wrong."""
         return self.arm_b if self.arm_contradicts or self.arm_shown else None
 
     def used_at(self, arm_b: ArrayLike) -> ReceiverOffsets:
-        """The same beside an arm in use, which, along axes that the log hardly shows, is usual.
+        """The same with the prior `ARM_USUAL_M` for axes that the log hardly shows.
 
         Parameters
         ----------
         arm_b : array_like, shape (3,)
-            In use, m; nobody gave it.
+            The arm in use, FRD, m, which was not given: `arm_off_b` is the difference from it.
         """
         information = np.linalg.inv(self.covariance)
         more = 1.0 / ARM_USUAL_M**2 - 1.0 / ARM_UNKNOWN_M**2
@@ -169,20 +158,20 @@ class ReceiverOffsets:
         )
 
     def latency_contradicts(self, latency_s: float) -> bool:
-        """Whether the log shows that a latency, s, which was given for certain is wrong."""
+        """Whether the log shows that a latency, s, which the user gave is wrong."""
         return self.latency.differs_from(latency_s, LEAST_LATENCY_S, LATENCY_BEYOND)
 
     def error_of(self, latency_s: float, configured: bool) -> FloatArray:
-        """Second moments of the errors of the latency and arm used, of s and m, shape (4, 4).
+        """Second moments of the errors of the latency and arm in use, of s and m, shape (4, 4).
 
-        An arm or a latency that was given is right unless the log contradicts it.
+        An arm or a latency that the user gave counts as exact unless the log contradicts it.
 
         Parameters
         ----------
         latency_s : float
-            Used.
+            The latency in use.
         configured : bool
-            For certain, by the user.
+            Whether the user gave it.
         """
         doubted = np.full(4, not self.given or self.arm_contradicts)
         doubted[0] = not configured or self.latency_contradicts(latency_s)
@@ -211,7 +200,7 @@ def estimate_offsets(
 ) -> ReceiverOffsets | None:
     """Latency and lever arm near those of the settings.
 
-    Far from them the answer is a step in the right direction: the filter's own errors are not
+    Far from them the result is a step in the right direction only: the errors of the filter are not
     linear in a latency that moves fixes by metres.
 
     Parameters
@@ -219,20 +208,20 @@ def estimate_offsets(
     start : Start
         At the start of the first IMU update.
     settings : Settings
-        Latency and arm about which the innovations are taken.
+        With the latency and arm about which the innovations are linearised.
     parts : iterable of Increments
         Without a long gap.
     gnss : GnssEpochs
         In order of their stamps.
     assumed_b : array_like, shape (3,), optional
-        The arm assumed, where it is not that of the settings.
+        Mean of the prior of the arm, FRD, m, if not the arm of the settings.
     given : bool, optional
-        Whether somebody said that it is there.
+        Whether the user gave that arm.
 
     Returns
     -------
     ReceiverOffsets or None
-        None where too few fixes lie within the updates, or the filter diverges.
+        None if too few fixes lie within the updates, or the filter diverges.
     """
     scores = offset_scores(start, settings, parts, gnss)
     if scores is None or len(scores) < _LEAST:
@@ -251,7 +240,7 @@ def estimate_offsets(
     answer = replace(answer, clock=clock_rate(scores))
     if not given or answer.arm_contradicts:
         return answer
-    near, covariance, _ = _solved(scores, here, usual, ARM_SURE_M)
+    near, covariance, _ = _solved(scores, here, usual, ARM_GIVEN_M)
     return replace(answer, latency_s=float(near[0]), arm_b=near[1:], covariance=covariance)
 
 
@@ -263,25 +252,26 @@ def settle(
     Parameters
     ----------
     evaluate : callable
-        Takes a latency, s, an arm (None: the one assumed), and whether fixes far off are to be left
-        out, and returns :func:`estimate_offsets` about them; None where that cannot be had.
+        Takes a latency, s, an arm (None: the one assumed), and whether the gate of the filter
+        rejects fixes, and returns :func:`estimate_offsets` about them; None if not possible.
     first_s : float
+        Latency to begin with, s.
 
     Returns
     -------
     used_s : float
-        The last one that could be tried.
+        The last latency for which an estimate was possible, s.
     offsets : ReceiverOffsets or None
-        About it.
+        The estimate about it.
     agrees : bool
-        Whether the two are as near as the estimate is known.
+        Whether both latencies agree within the sigma of the estimate.
 
     Notes
     -----
-    What innovations are held against has noise of its own, that of the filter's velocity. Where a
-    log shows little more than this, an estimate stays near the latency it was made about, however
-    certain it claims to be. One that follows by a share c takes in 1 - c of what it is shown, and
-    what is its own answer scatters by 1 / (1 - c) of its sigma.
+    The velocity of the filter, by which innovations depend on the latency, has noise of its own. If
+    a log shows little beyond this noise, an estimate stays near the latency about which it was
+    made, whatever its sigma. If it follows that latency by a share c, it moves by only 1 - c of an
+    error, and the latency that is its own estimate has 1 / (1 - c) times its sigma.
     """
     used, gated, gates = first_s, False, True
     offsets = evaluate(used, None, gated)
@@ -294,7 +284,7 @@ def settle(
         seen.append((used, offsets.latency_s))
         if gated >= gates and abs(step) <= max(_AGREE_S, _AGREE * offsets.sigma_s):
             break
-        # Until then fixes are far off for no fault of theirs
+        # While the latency is wrong, the gate would reject good fixes
         gated |= gates and abs(step) <= max(_NEAR_S, offsets.sigma_s)
         slope = 0.0
         if before is not None and before[0] != used:
@@ -304,7 +294,7 @@ def settle(
         arm_b = offsets.arm_elsewhere_b
         result = evaluate(following, arm_b, gated)
         if gated and (result is None or not result.observable):
-            # From a bad start nearly all are left out, of which none is bad
+            # From a bad start the gate rejects nearly all fixes, although they are good
             gated = gates = False
             result = evaluate(following, arm_b, gated)
         if result is None:
@@ -324,7 +314,7 @@ def settle(
             followed = min(max(followed, 0.0), _MOST_FOLLOWED)
             offsets = replace(offsets, spread=1.0 / (1.0 - followed))
     if not agrees:
-        # What is no answer to itself may be any of those tried
+        # Without convergence the latency may be any of those tried
         tried = np.array([*seen, (used, offsets.latency_s)])
         half = 0.5 * float(np.ptp(tried))
         offsets = replace(offsets, spread=max(half / offsets.sigma_s, 1.0))
@@ -336,36 +326,36 @@ def likeliest(
     tried: Sequence[float],
     arm_b: FloatArray | None,
 ) -> tuple[float, ReceiverOffsets] | None:
-    """The latency with which innovations are least, where estimates lead away from it.
+    """The latency with the least squared innovations, where estimates lead away from it.
 
     Parameters
     ----------
     evaluate : callable
         Takes a latency, s, and an arm (None: the one assumed), and returns
-        :func:`estimate_offsets` about them, all else being equal.
+        :func:`estimate_offsets` about them, everything else unchanged.
     tried : sequence of float
-        Latencies, s, the last of which is the answer of :func:`settle`.
+        Latencies, s, the last of which is the result of :func:`settle`.
     arm_b : ndarray, shape (3,), optional
-        The arm with which to try them.
+        The arm to use with all of them, FRD, m.
 
     Returns
     -------
     used_s : float
-        None instead of both where the last one is as likely as the others.
+        None instead of both if the last one is as likely as the others.
     offsets : ReceiverOffsets
-        With that latency, and how well its likelihood alone shows it.
+        With that latency, and the sigma that its likelihood alone gives.
 
     Notes
     -----
-    Scores are without bias if innovations are white. Those of a filter that takes its sensors for
-    too noisy follow each other, and go with the noise of the velocity that they are held against.
-    What they are as a whole shows a latency however that may be, if less sharply.
+    Estimates by scores are unbiased if innovations are white. A filter that assumes too much noise
+    of its sensors has correlated innovations, which are also correlated with the noise of its
+    velocity. The sum of their squares shows the latency even then, if less sharply.
     """
     cost: dict[float, float] = {}
     found: dict[float, ReceiverOffsets] = {}
 
     def judge(latency: float) -> bool:
-        """Whether that can be had."""
+        """Whether an estimate is possible."""
         shown = evaluate(latency, arm_b)
         if shown is not None:
             cost[latency], found[latency] = shown.square * shown.rows, shown
@@ -391,7 +381,7 @@ def likeliest(
             return None
         best = min(cost, key=cost.__getitem__)
     else:
-        # Single epochs make squares rough: it is known to where they are no less likely
+        # Single epochs make the squares rough: sigma reaches as far as they are hardly larger
         following = best
         sharp = max(abs(x - best) for x in cost if cost[x] - cost[best] < _WORSE)
     shown = found[best]
@@ -402,7 +392,7 @@ def likeliest(
 
 
 def _parabola(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Second derivative of the parabola through three points, and where it is least."""
+    """Second derivative of the parabola through three points, and the abscissa of its minimum."""
     (a, fa), (b, fb), (c, fc) = points
     left, right = (fb - fa) / (b - a), (fc - fb) / (c - b)
     bend = max(2.0 * (right - left) / (c - a), 1e-9)

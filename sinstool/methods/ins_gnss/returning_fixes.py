@@ -1,8 +1,8 @@
-"""The first fixes after an outage, held against those that follow them.
+"""The first fixes after an outage, compared with those that follow.
 
 When fixes come back after an outage, the navigation is so uncertain that the filter's gate passes
 the first of them wherever it is. If that one is bad, the filter is far off with a small sigma, and
-rejects the good fixes that follow. These show what the first should have been, since a vehicle
+rejects the good fixes that follow. These show where the first should have been, since a vehicle
 cannot leap.
 """
 
@@ -21,15 +21,15 @@ from sinstool.methods.ins_gnss.fix_velocity import (
     track_of,
 )
 
-# Fixes that stay away so long, s, come back after an outage; within so long of one another they
-# show where a vehicle goes.
+# Fixes come back after an outage if they stay away this long, s; fixes show the way of a vehicle if
+# they follow one another within this time, s.
 OUTAGE_S, FOLLOW_S = 5.0, 2.5
-# Of the fixes that come back.
+# Number of first fixes that are tested, and of those that follow.
 FIRST, FOLLOWING = 2, 3
 
 
 def leaps(gnss: GnssEpochs) -> FloatArray:
-    """How far the first positions after outages are from where those behind them come from.
+    """Distance of the first positions after outages from the line through those that follow.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def leaps(gnss: GnssEpochs) -> FloatArray:
     Returns
     -------
     ndarray, shape (n,)
-        m; 0 of all fixes but bad ones.
+        m; 0 for all fixes but bad ones.
     """
     off = np.zeros(len(gnss))
     rows = np.flatnonzero(gnss.has_position)
@@ -66,7 +66,7 @@ def leaps(gnss: GnssEpochs) -> FloatArray:
 
 
 def _scatter(seconds: FloatArray, place: FloatArray) -> float:
-    """What usual fixes are off the line through the next two, m."""
+    """Usual distance of a fix from the line through the next two, m."""
     before, after = np.diff(seconds)[:-1], np.diff(seconds)[1:]
     ratio = (before / after)[:, None]
     off = np.linalg.norm(place[:-2] - place[1:-1] + ratio * (place[2:] - place[1:-1]), axis=1)

@@ -171,12 +171,12 @@ class DivergenceControl:
         restart, for tests.
     escalate : bool
         Within two minutes of a restart, which then did not help, a third of `restart_after` is
-        enough for the next, and that one admits that nothing of the start was right. What is wrong
-        with settings or sensors shows only without it, as estimates stay near what they are.
+        enough for the next, which enlarges the sigmas of the start. Without it estimates stay near
+        their values, and only so faults of settings or sensors show.
     gate_noise_epochs : int
-        Before it turns a fix down the gate measures the noise of the fixes over so many epochs,
-        and where that is more than the noise given, the filter believes them that much less
-        instead. Not with `adaptive`. 0: never.
+        Before it rejects a fix the gate measures the noise of the fixes over this many epochs. If
+        that is more than the nominal noise, their variance is increased instead. Not with
+        `adaptive`. 0: never.
     """
 
     virtual_noise: bool = True

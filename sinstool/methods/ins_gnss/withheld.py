@@ -17,10 +17,21 @@ APART = 3.0
 
 @dataclass(frozen=True)
 class Outage:
-    """Errors of a solution at the fixes of one outage; vertical is None without heights.
+    """Errors of a solution at the withheld fixes of one outage.
 
-    `rms_in_sigmas` is the root mean square of the errors of all axes at all fixes over their
-    sigmas: near 1 over many outages where sigmas hold. The largest of an outage lies above that.
+    Attributes
+    ----------
+    start_ns, duration_s : int, float
+        First of the fixes, and time to the last.
+    epochs : int
+        Number of fixes.
+    largest_horizontal_m, largest_vertical_m : float or None
+        Largest errors; None without heights.
+    largest_in_sigmas : float
+        Largest error of an axis over its sigma.
+    rms_in_sigmas : float
+        Root mean square of the errors of all axes at all fixes over their sigmas: near 1 over many
+        outages where sigmas hold.
     """
 
     start_ns: int
@@ -34,7 +45,15 @@ class Outage:
 
 @dataclass(frozen=True)
 class WithheldScore:
-    """Errors of a solution at all withheld fixes."""
+    """Errors of a solution at all withheld fixes.
+
+    Attributes
+    ----------
+    outages : tuple of Outage
+        In order of time.
+    rms_of_largest_horizontal_m : float
+        Root mean square over the outages.
+    """
 
     outages: tuple[Outage, ...]
     rms_of_largest_horizontal_m: float

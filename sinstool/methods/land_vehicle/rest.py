@@ -1,8 +1,8 @@
-"""Rests of a vehicle, from its IMU and from where a track shows rest or motion.
+"""Rests of a vehicle, from its IMU and from a track that shows rest and motion.
 
-No constant tells rest from motion in all vehicles: what a car with a shaking engine shows at a
-traffic light is more than what another shows as it drives. So the log's own track sets the
-thresholds, and where standing and moving look alike, as in a boat, nothing is a rest.
+No constant separates rest from motion for all vehicles: a car with a shaking engine shows more at a
+traffic light than another one on the road. So the log's own track sets the thresholds, and if
+standing and moving look alike, as in a boat, nothing counts as a rest.
 """
 
 from __future__ import annotations
@@ -18,23 +18,25 @@ from sinstool.methods.land_vehicle.track import LONGEST_NS, Means, Track, betwee
 
 # Steps of a window over which rate and force are compared: 1 s.
 WINDOW = 10
-# Standing and moving by the track, m/s; a speed that is less certain, m/s, shows neither.
+# Limits of standing and of moving by the track, m/s; a speed with a larger sigma, m/s, shows
+# neither.
 STANDS, MOVES, UNSURE = 0.1, 1.0, 0.3
-# Windows that show what standing, or moving, is like.
+# Least number of windows of standing, or of moving.
 LEAST_WINDOWS = 20
-# A body that turns faster over so long, rad/s, by ten sigmas of what a rest allows, does not stand.
+# A body that turns faster, rad/s, over this time, s, does not stand: ten sigmas of what a rest
+# allows.
 TURNS, TURNING_NS = 10.0 * REST_RATE, 1_000_000_000
-# Quantiles between whose means the threshold lies.
+# The threshold is the geometric mean of these quantiles, of standing and of moving windows.
 STANDING_QUANTILE, MOVING_QUANTILE = 0.9, 0.01
-# A threshold that standing windows exceed by as much as moving ones do tells nothing.
+# Least ratio of these two quantiles with which there is a threshold.
 LEAST_APART = 1.2
-# Without standing windows, a rest is what shows so much of the least motion; without moving ones,
-# what shows so much more than the usual rest.
+# Without standing windows the threshold is this share of the least motion; without moving ones,
+# this factor on the usual rest.
 ALONE_MOVING, ALONE_STANDING = 0.5, 2.0
-# What stands still on wheels, rad/s and m/s^2; a boat at anchor or a hand shows more.
+# Largest thresholds on wheels, rad/s and m/s^2; a boat at anchor or a hand shows more at rest.
 MOST = np.array([0.03, 0.5])
-# A vehicle rocks before it rests, and pulls away so gently that the first of it does not show:
-# steps that are cut off a rest at its begin and end, the latter beside half the window.
+# A vehicle rocks before it rests, and pulls away so gently that the beginning does not show: steps
+# that are cut off at the begin and end of a rest, the latter in addition to half the window.
 CUT_BEGIN, CUT_END = 7, 7
 
 
@@ -49,10 +51,10 @@ class Rests:
     surely : ndarray of bool, shape (g,)
         Where the fixes show it, too.
     stands : ndarray of bool, shape (g,)
-        Where the IMU is as quiet as at rest, and half a window on either side: there an engine may
-        shake it. What fixes, or a track that does not know of the shaking, say is no matter here.
+        Where the IMU is as quiet as at rest, and half a window on either side, whatever fixes and
+        track show: there an engine may shake it.
     gyro, accel : float
-        Thresholds on the spread within a window, rad/s and m/s^2; 0 where that tells nothing.
+        Thresholds on the scatter within a window, rad/s and m/s^2; 0 without a threshold.
     reason : str
         Where they come from, or why there are none.
     """
@@ -66,7 +68,7 @@ class Rests:
 
 
 def noise_at_rest(means: Means, at: BoolArray) -> tuple[float, float]:
-    """What an IMU at rest feels from second to second, its noise and what shakes it.
+    """Noise that an IMU at rest shows from second to second, vibration included.
 
     Parameters
     ----------
@@ -76,9 +78,9 @@ def noise_at_rest(means: Means, at: BoolArray) -> tuple[float, float]:
     Returns
     -------
     force, rate : float
-        Power densities, (m/s^2)^2 s and (rad/s)^2 s, of an axis: the mean of the three. By medians
-        of the change from the mean of one second to that of the next, so that people who step in
-        do not count; 0 where rests are too short to tell.
+        Power densities, (m/s^2)^2 s and (rad/s)^2 s, mean of the three axes. From medians of the
+        change of the mean from one second to the next, so that people who get in do not count; 0 if
+        rests are too short.
     """
     ends = np.arange(0, len(means) - 2 * WINDOW + 1, WINDOW)
     whole = ends[~within(~at, 0, 2 * WINDOW - 1)[ends]]

@@ -1,8 +1,8 @@
-"""An IMU that is shaken while its vehicle stands, as by an engine that idles.
+"""An IMU that is shaken while its vehicle stands, as by an idling engine.
 
-Samples that do not resolve the shaking make noise of it, far more than that of the sensors. A
-filter that does not know of it is too sure of attitude and velocity after each stop, and what it
-then says is believed against a rest. Here rests are found by the fixes alone, before any filter.
+Samples that do not resolve the vibration show it as noise, far more than that of the sensors. A
+filter without this noise is too sure of attitude and velocity after each stop, and its velocity
+then contradicts a rest. Here rests are found by the fixes alone, before any filter.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ class Shaking:
     noise: tuple[float, float]
 
     def constraints(self, imu: SensorGrade) -> Constraints | None:
-        """Of a filter that assumes nothing but this noise; None where it is no more than the IMU's.
+        """Constraints with this noise only, for a filter; None if it is no more than the IMU's.
 
         Parameters
         ----------
         imu : SensorGrade
-            What the filter takes for the noise of the sensors.
+            Noise of the sensors that the filter assumes.
         """
         more = beyond(self.noise, imu)
         if not any(more):

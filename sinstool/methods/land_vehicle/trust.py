@@ -1,7 +1,7 @@
 """Motion of a vehicle's axle on an unconstrained track: does it slide, and how much?
 
-The velocity of a smoother without constraints, in the vehicle's axes, shows what a constraint
-would say wrongly. Innovations inside a constrained filter do not: mount and lever bend first.
+The velocity of a smoother without constraints, in the vehicle's axes, shows the error of a
+constraint. Innovations of a constrained filter do not: its mount and lever would adapt first.
 
 References
 ----------
@@ -29,38 +29,40 @@ from sinstool.methods.ins_gnss.constraints import (
 )
 from sinstool.methods.land_vehicle.track import Means, Track, within
 
-# Rows that move: faster than this, m/s, and than such a share of the fastest.
+# Rows in motion: faster than this, m/s, and than this share of the largest speed.
 SLOW, SHARE_OF_FASTEST = 1.0, 0.3
 LEAST_ROWS, LEAST_S = 60, 30.0
-# Robust least squares: rounds, and sigmas beyond which a row counts for nothing.
+# Robust least squares: rounds, and sigmas beyond which a row has no weight.
 ROUNDS, FAR = 5, 4.0
-# m/s: errors of a velocity that no smoother's sigma knows.
+# Errors of velocity that are in no smoother's sigma, m/s.
 LEAST_EXCESS = 0.03
-# A smoother's sigma comes from process noise that is taken generously: what is seen is not all it.
+# At least this share of the residuals' rms counts as the vehicle's: the smoother's own sigma is too
+# large, as its process noise is generous.
 LEAST_SHARE = 0.35
-# Correlation times of what slides, s; and its sigma over 1 s, m/s.
+# Limits of the correlation time of a slide, s, and of its sigma as a mean over 1 s, m/s; and that
+# sigma if the log does not show it.
 LEAST_TIME, MOST_TIME = 0.5, 10.0
 LEAST_SIGMA, MOST_SIGMA, UNSHOWN_SIGMA = 0.1, 1.0, 0.3
-# A vehicle slides: residual over speed, rad, and share of rows that are far off.
+# A vehicle slides beyond this residual over speed, rad, or this share of rows that are far off.
 MOST_ANGLE, MOST_FAR = 2.0 * DEGREE, 0.05
-# Directions of travel in the body that are no vehicle's: length of their mean.
+# Least length of the mean direction of travel in the body: below it there is no forward axis.
 LEAST_CONCENTRATION = 0.8
-# A track that is less certain than this across its way, rad, cannot tell.
+# A track less certain than this across its way, rad, does not show whether the vehicle slides.
 MOST_OWN = 2.0 * DEGREE
-# A car is pushed sideways in its turns by what they take, and an aircraft, which leans into them,
-# not at all: halfway between, by so many sigmas. A share less certain than this shows neither.
-# Nor do turns that vary by less than this, m/s^2, as a steady circle does: errors of the velocity
-# make as much of them, and nothing of them is felt.
+# Share of the centripetal acceleration that is felt sideways: 1 in a car, 0 in an aircraft, which
+# leans into its turns; the limit is halfway, by so many sigmas. A less certain share shows neither,
+# nor do turns that vary by less than this, m/s^2, as a steady circle: errors of the velocity have
+# the same size.
 LEAST_PUSH, PUSH_SIGMAS, MOST_PUSH_SIGMA, LEAST_TURN = 0.5, 2.0, 0.2, 0.05
-# How long a slide lasts, s.
+# Duration of a slide, s.
 SLIDE_S = 5.0
-# Span, s, over which what is felt sideways is alike.
+# Time, s, over which a sideways force is correlated.
 SPAN_S = 10.0
-# How well a mount is known that is given, rad, and by how much the way may deny it.
+# Sigma of a mount that is given, rad, and the angle of the way beyond which it is rejected.
 OPTION_SIGMA, MOST_OFF = 1.0 * DEGREE, 5.0 * DEGREE
-# Beside a bad row nothing is held, s.
+# Time on either side of a bad row without constraints, s.
 BESIDE_S = 5.0
-# An axle further from the IMU than this, m, is no axle.
+# Largest distance of an axle from the IMU, m.
 LONGEST_VEHICLE = 20.0
 
 
@@ -214,10 +216,10 @@ def _leans(rows: _Rows, moving: BoolArray) -> str:
 
 
 def _push(rows: _Rows, moving: BoolArray) -> tuple[float, float]:
-    """Share of what turns take that is felt sideways, less both means; and its sigma.
+    """Share of the centripetal acceleration that is felt sideways, and its sigma.
 
-    The mean is the mount's roll. What else is felt sideways, as the road's camber, lasts for
-    seconds: so the sigma is by sums over spans of it [1]_.
+    Less the means of both, as the mean force is the roll of the mount. Other sideways forces, as by
+    the road's camber, last for seconds, so the sigma is from sums over spans of that length [1]_.
     """
     turn = (rows.velocity[:, 0] * rows.rate[:, 2])[moving]
     push = rows.right[moving]

@@ -1,8 +1,8 @@
-"""Slow error of fixes while a vehicle stands: more than the receiver says?
+"""Slow error of fixes while a vehicle stands, compared with what the receiver states.
 
-Where nothing moves, all that changes in the fixes is their error. A filter takes the slow part of
-it for a Gauss-Markov process of the size that the receiver states; the likelihood of the fixes of
-all rests, their unknown means taken out, says by how much it is larger.
+While nothing moves, fixes change by their error alone. A filter takes its slow part for a Gauss-
+Markov process of the stated size; the likelihood of the fixes of all rests, less their unknown
+means, shows by how much it is larger.
 
 References
 ----------
@@ -24,14 +24,14 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.constraints import STEP_NS
 from sinstool.methods.ins_gnss.settings import GnssModel
 
-# Receivers filter their fixes: over seconds their errors are smoother than such a process, and only
-# fixes further apart than this share of its time say how far they wander. Of one rest no more than
-# so many are taken.
+# Receivers filter their fixes: over seconds their errors are smoother than those of a Markov
+# process, so only fixes further apart than this share of its correlation time are used, and of one
+# rest at most so many.
 SHARE_OF_TIME, MOST_FIXES = 0.1, 60
 # Factors of the slow error's sigma that are tried.
 FACTORS = 2.0 ** np.arange(0.0, 5.01, 0.25)
-# By how much the log likelihood must rise before a receiver is thought to understate its error:
-# three sigmas of one parameter.
+# By how much the log likelihood must rise before slow errors are enlarged: three sigmas of one
+# parameter.
 LEAST_GAIN = 4.5
 
 
@@ -63,22 +63,22 @@ class Wander:
 
 
 AS_STATED = Wander()
-"""Fixes that wander no further than their receiver says."""
+"""Fixes that wander no further than their receiver states."""
 
 
 def find_wander(
     rests: BoolArray, start_ns: int, gnss: GnssEpochs, latency_ns: int, model: GnssModel
 ) -> Wander:
-    """How much the fixes wander while the vehicle stands, over what is said of them.
+    """How much the fixes wander while the vehicle stands, over what the receiver states.
 
     Parameters
     ----------
     rests : ndarray of bool, shape (g,)
         Steps of `STEP_NS` from `start_ns` on at which it stands.
     gnss : GnssEpochs
-        Those that may be looked at, valid `latency_ns` before their stamps.
+        Fixes that may be used, valid `latency_ns` before their stamps.
     model : GnssModel
-        What a filter takes for their noise.
+        Their noise in the filter.
     """
     gnss = gnss.rows(gnss.has_position)
     time_ns = gnss.time_ns - latency_ns

@@ -175,7 +175,7 @@ class InsRun(SegmentRun):
             self._parameters = beginning_quickly(self._parameters)
 
     def _advance(self, increments: Increments, taken: Imu) -> Solution:
-        # Heights go by the stamps, also where a rate is believed that runs ahead of them.
+        # Heights use the stamps, even where the rate of the user runs ahead of them.
         time_ns = taken.time_ns
         out = np.empty((len(increments.sample), SIZE + 2))
         until = self.settings.still_until_ns

@@ -31,13 +31,14 @@ if TYPE_CHECKING:
     from sinstool.methods.alignment.gyrocompass import Gyrocompass
     from sinstool.methods.alignment.in_motion import MotionAlignment
 
-# An automatic gyrocompass wants a rest that can show north.
+# The shortest rest for an automatic gyrocompass, s.
 GYROCOMPASS_S = 30.0
-# A filter is linear in its errors: it rather begins later than with a sigma beyond this.
+# A filter is linear in its errors: with a larger sigma of the attitude it starts later.
 FILTER_SIGMA = 10.0 * DEGREE
-# A filter that starts so near a fix, s, starts at it.
+# A filter that starts within this time of a fix, s, starts at it.
 AT_FIX_S = 0.03
-# A mean rate at rest, rad/s (45 deg/h), that is not just the Earth's in an unknown direction.
+# A mean rate at rest beyond this, rad/s (45 deg/h), is a gyro bias, not the Earth's rate in an
+# unknown direction.
 PLAIN_BIAS = 3.0 * EARTH_RATE
 NO_BIAS = f"{initial.NOT_STILL}, so no gyro bias is removed"
 
@@ -113,10 +114,9 @@ def _aligned(source: Source, config: ProcessConfig) -> Alignment:
 
 
 def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
-    """An attitude whose heading counts from north, where the log shows one by itself.
+    """An attitude whose heading counts from north, if the log shows one.
 
-    Of a vehicle that neither rests at first nor has an orientation in its log, the tilt by GNSS
-    velocity at least.
+    If the log neither begins at rest nor has an orientation, the tilt by GNSS velocity will do.
     """
     grade = sensor_grade(source, config).grade
     gnss, still = source.aiding.gnss, source.survey.lead_in
@@ -174,7 +174,7 @@ def in_flight(
     from sinstool.methods.alignment.inflight_types import REFUSE_SIGMA
     from sinstool.pipelines.align.in_motion import align_moving
 
-    # What nobody corrects must be known better, but a filter learns the rest of the heading
+    # A filter corrects the heading later, so for it a less certain one will do
     refused = REFUSE_SIGMA if time_ns is None else FILTER_SIGMA
     moving = align_moving(source, config, grade, method, "start", gnss, refused)
     result = moving.result
@@ -202,12 +202,11 @@ def _from_motion(
     Parameters
     ----------
     time_ns : int, optional
-        To which it is carried back for a filter, unless the samples have a gap on the way or the
-        gyros are not good enough; by default the first sample, however far.
+        Time to which it is carried back for a filter, unless there is a gap of the samples in
+        between or the gyros are not good enough; by default the first sample, however far.
     later_ns : ndarray of int64, shape (n,), optional
-        Times of fixes, to the first of which it is carried on where none is at its own time and the
-        vehicle does not rest: from one fix to the next an antenna may swing in ways that neither
-        shows.
+        Times of fixes. If the attitude holds at none of them and the vehicle does not rest, it is
+        carried on to the first of them: how an antenna swings between two fixes does not show.
     """
     result = moving.result
     begin_ns = source.survey.first_ns if time_ns is None else time_ns
@@ -253,10 +252,10 @@ def _carried_back(
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Attitude and covariance at a time, or at the original time if that cannot be reached.
 
-    That is where the Imu has a gap on the way, or the sigma (rad) would grow beyond the most.
+    It cannot if the Imu has a gap in between, or if the sigma, rad, would exceed the limit.
 
-    A vehicle that rests at first keeps its attitude; in motion gyros carry it back, with what
-    their biases may do.
+    A vehicle that rests at the beginning keeps its attitude through the rest; through motion the
+    gyros carry it back, and the sigma grows by their biases.
     """
     result, still = moving.result, source.survey.lead_in
     resting = still is not None and time_ns <= still.end_ns
@@ -369,7 +368,7 @@ def _with_bias(alignment: Alignment, source: Source, config: ProcessConfig) -> A
     rest = longest_rest(source.survey.spans, source.aiding.gnss)
     note = NO_BIAS
     if rest is not None:
-        # Its heading is not known, and so what of the Earth's rate is level
+        # Without a heading the horizontal part of the Earth's rate has no known direction
         down = earth_rate(source)
         down = None if down is None else down * [0.0, 0.0, 1.0]
         bias = initial.still_bias(rest, initial.level(rest.accel), down)
@@ -388,7 +387,7 @@ def with_bias_in_motion(
 ) -> Alignment:
     """A given attitude with a gyro bias from changes of GNSS velocity.
 
-    The same alignment where they show none.
+    Unchanged if these show none.
     """
     grade = sensor_grade(source, config).grade
     from sinstool.pipelines.align.in_motion import align_moving

@@ -44,20 +44,21 @@ from sinstool.survey.imu import Survey
 from sinstool.survey.rest import REST_S, longest_rest, rest_end
 from sinstool.survey.source import Source, rate_blocks
 
-# The largest specific force below this: no lift-off to look for.
+# A boost exceeds this specific force.
 LIFT_OFF = 2.0 * STANDARD_GRAVITY
-# So much of what is felt beyond 1 g in a boost makes the vehicle faster, at least, and by so much,
-# m/s; fixes that show it are no further apart than the boost is long, and this.
+# A boost makes the vehicle faster by this share of the specific force beyond 1 g, at least, and by
+# so many m/s; fixes that show it are no further apart than the boost is long, plus this.
 BOOSTED, LEAST_BOOST, SEEN_NS = 0.5, 8.0, 10 * SECOND
-# Samples read before a beginning: the one before its first, and before a lift-off a moment of rest.
+# Time read before a start: for the sample before the first one; and before a lift-off, for a moment
+# of rest.
 BEFORE_START_NS = SECOND
 BEFORE_LIFT_OFF_NS = 10 * SECOND
-# A gyro bias seen at rest stays what it was within this, rad/s (45 deg/h): between the rests of
+# A gyro bias measured at rest may change by this, rad/s (45 deg/h, 1 sigma): between the rests of
 # recorded drives of a few minutes those of two consumer grade IMUs moved by 20 to 70 deg/h.
 AFTER_REST = 45.0 * DEGREE / 3600.0
-# Where the first motion does not show the attitude, alignment begins so much later, s.
+# If the first motion does not show the attitude, alignment begins so much later, s.
 LATER_S = (60.0, 120.0, 180.0, 240.0, 300.0, 420.0, 600.0)
-# Bias of a cheap gyro that never rests, where that of its grade does not fit, rad/s.
+# Bias of a cheap gyro in a log without rest, if that of its grade is too small, rad/s (1 sigma).
 UNKNOWN_BIAS = 0.5 * DEGREE
 
 
@@ -151,8 +152,8 @@ def align_moving(
     known: in_motion.Known | None = None
     if doubtful and refuse_sigma > REFUSE_SIGMA:
         known = {}
-        # Another gyro bias is sought where an answer is not good: what passes for good decides.
-        # Elsewhere a sure answer is the same, whatever is refused.
+        # With the usual limit first: if the answer is good, a wider limit would not change it. It
+        # decides only whether another gyro bias is searched for.
         with suppress(AlignmentError):
             sure = begun(start, notes, REFUSE_SIGMA, known)
             if sure.good:
@@ -175,7 +176,7 @@ def align_moving(
         if made.good:
             return made
     if moving is not None and not moving.good:
-        # What is slower than sensor errors allow for shows its heading beside them
+        # A vehicle slower than the effect of sensor errors shows its heading to the refinement
         with suppress(AlignmentError):
             slow = begun(start, notes, around=True)
             if slow.good:
@@ -185,14 +186,15 @@ def align_moving(
     try:
         raise refused
     finally:
-        del refused  # which holds this frame, with all that was tried, and would be held by it
+        del refused  # it refers to this frame, which refers to it
 
 
 def _lifts_off(source: Source, fixes: GnssFixes) -> bool:
-    """Whether a log shows a boost: above 2 g for half a second, and faster for it.
+    """Whether a log shows a boost: above 2 g for half a second, and faster after it.
 
-    A car in a corner, an aircraft that pulls up and skis feel that much too, and are no faster.
-    Nothing says that it is none where no fix comes before it, or no such time has any beside it.
+    In a car's corner, an aircraft's pull-up or on skis the specific force is as large, but the
+    speed hardly changes. A log without fixes before or beside such a time counts as one with a
+    boost.
     """
     windows, lively = source.survey.windows, np.flatnonzero(_beyond_lift_off(source))
     when, speed = _speeds(fixes)
@@ -232,10 +234,10 @@ def _beyond_lift_off(source: Source) -> np.ndarray:
 
 
 def bias_at_rest(source: Source, config: ProcessConfig, grade: Grade) -> tuple[np.ndarray, bool]:
-    """Gyro bias before any alignment, rad/s, and whether a rest or the user says so.
+    """Gyro bias before any alignment, rad/s, and whether a rest or the user gave it.
 
     A rest anywhere in the log shows the bias of a gyro that does not feel the Earth's rotation;
-    better gyros are left to the refinement.
+    that of better gyros is left to the refinement.
     """
     option, survey = config.align.gyro_bias, source.survey
     if not isinstance(option, str):

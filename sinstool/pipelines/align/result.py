@@ -27,7 +27,19 @@ Vector = tuple[float | None, ...]
 
 @dataclass(frozen=True)
 class AssumedErrors:
-    """Errors of the sensors that an alignment in motion assumed."""
+    """Errors of the sensors that an alignment in motion assumed, one sigma.
+
+    Attributes
+    ----------
+    gyro_bias_deg_h, accel_bias_m_s2 : float
+        Biases.
+    gyro_scale, accel_scale : float
+        Scale factors, as fractions.
+    angle_random_walk_deg_sqrt_h, velocity_random_walk_m_s_sqrt_s : float
+        White noise.
+    bias_time_s : float
+        Correlation time of biases that wander.
+    """
 
     gyro_bias_deg_h: float
     accel_bias_m_s2: float
@@ -53,7 +65,17 @@ class AssumedErrors:
 
 @dataclass(frozen=True)
 class TruthError:
-    """Error of the attitude against a reference; about north, east, down."""
+    """Error of the attitude against a reference.
+
+    Attributes
+    ----------
+    name : str
+        Topic or file of ``--truth``.
+    error_deg : tuple of float or None
+        About north, east, down.
+    total_deg : float or None
+        The whole angle.
+    """
 
     name: str
     error_deg: Vector | None = None
@@ -66,18 +88,60 @@ class AlignResult(Result):
 
     Attributes
     ----------
+    input : LogFile
+        The log.
+    plan : Plan
+        Choices, each with its reason.
+    imu : ImuTime
+        Samples of the IMU.
+    imu_grade : ImuGrade
+        With the reason.
+    status : str
+        ``ok``, ``degraded``, ``level-only``, ``unobservable`` or ``failed``.
+    method : str
+        As in ``plan.first_attitude``.
     time_ns, time_s : int, float
         When the attitude holds; seconds from the first sample.
     start_s, stop_s : float or None
-        What was used.
+        Span of the data used, from the first sample.
     q_nb_wxyz : tuple of float or None
-        None also where heading is not known.
-    heading_deg : float or None
-        None where it is not known.
+        Scalar first, from Forward-Right-Down to North-East-Down; None also if heading is not known.
+    roll_deg, pitch_deg, heading_deg : float or None
+        None if not known.
     sigma_deg : tuple
         Of small rotations about north, east, down.
+    findings : tuple of Finding
+        About the log and the alignment.
+    vectors : str or None
+        Which vectors were compared.
+    sigma_worst_deg : float or None
+        About the least certain axis.
+    cov_deg2 : ndarray, shape (3, 3), or None
+        Covariance about north, east, down; None if heading is not known.
+    observability : float or None
+        Geometry of the vectors: 0, one direction only, to 1.
+    singular_values : tuple of float or None
+        Of the attitude profile matrix.
+    n_pairs, n_rejected : int or None
+        Pairs of vectors used, and fixes rejected as outliers.
+    residual_rms : float or None
+        Of the pairs, in the unit of the vectors.
+    chi2, refined_chi2 : float or None
+        Squared residuals of the pairs, and innovations of the refinement, over what is expected.
+    time_to_align_s : float or None
+        Until the solver alone was within 1 deg about every axis.
+    gate : str or None
+        ``paper``, ``mask`` or ``off``.
+    assumed : AssumedErrors or None
+        Errors of the sensors.
+    gyro_bias_removed_deg_h : tuple of float or None
+        Gyro bias removed before the alignment, FRD.
+    gyro_bias_deg_h, accel_bias_m_s2 : tuple of float or None
+        Estimated biases, FRD; of the gyros beside what was removed.
+    latency_s : float or None
+        Estimated latency of the fixes beside ``--gnss-latency``.
     truth : TruthError or None
-        Where a reference was given.
+        Left out without ``--truth``.
     """
 
     SCHEMA: ClassVar[str] = "sinstool.align/1"

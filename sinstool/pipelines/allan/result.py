@@ -25,7 +25,13 @@ Status = Literal["measured", "dead", "clipped", "too-short"]
 
 @dataclass(frozen=True)
 class RestStretch:
-    """A stretch of rest whose samples were used."""
+    """A stretch of rest whose samples were used.
+
+    Attributes
+    ----------
+    start_s, duration_s : float
+        From the first sample, and its length.
+    """
 
     start_s: float
     duration_s: float
@@ -37,12 +43,18 @@ class Rest:
 
     Attributes
     ----------
+    samples : int
+        Number of samples used.
+    interval_s : float
+        Between samples.
     total_s, longest_s : float
-        Of all stretches and of the longest one between two gaps.
+        Of all stretches, and of the longest one without a gap.
     shaken_s, moving_s : float
-        Left out of still spans: louder than the rest of them; in motion, by GNSS.
+        Time left out of still spans, as it is louder than the rest of them, or as GNSS moves.
     sway_rad_s : float
-        By which the sensor turns at rest, as gravity shows; 0 where it shows nothing.
+        RMS rate at which the sensor turns at rest, as gravity shows; 0 if it shows none.
+    stretches : tuple of RestStretch
+        In order of time.
     """
 
     samples: int
@@ -109,10 +121,20 @@ class AllanResult(Result):
 
     Attributes
     ----------
+    input : LogFile
+        The log.
+    imu : ImuTime
+        Samples of the IMU.
+    rest : Rest
+        The time at rest.
     averaging_s : ndarray, shape (k,)
         Averaging times of the deviations.
     terms : ndarray of int64, shape (k,)
-        Differences that each Allan deviation is the mean square of.
+        Number of differences in each Allan deviation.
+    axes : tuple of Axis
+        Of gyros and accelerometers.
+    findings : tuple of Finding
+        About the log and its noise.
     output : str or None
         The file that was written.
     """

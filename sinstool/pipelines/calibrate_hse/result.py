@@ -176,8 +176,8 @@ def write_rig(path: Path, calibration: Calibration, config: ProcessConfig) -> No
     Parameters
     ----------
     config : ProcessConfig
-        That of the calibration: what it says of reading and of stretches goes along, but for
-        what concerns the single logs.
+        That of the calibration: its options for reading and for stretches are written, too,
+        except those of the single logs.
     """
     check_output(path, [], config.output.overwrite)
     axial = calibration.fit.axial.c

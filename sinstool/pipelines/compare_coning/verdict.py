@@ -1,8 +1,8 @@
 """The verdict of a comparison: the algorithm that a log needs, or that it cannot tell.
 
-An algorithm is named only where the log shows that it is accurate to the tolerance, so where what
-it is held against is itself that accurate. Otherwise only differences larger than that
-uncertainty are stated.
+An algorithm is named only where the log shows that it is accurate to the tolerance, for which the
+reference itself must be that accurate. Otherwise only differences larger than the uncertainty of
+the reference are stated.
 """
 
 from __future__ import annotations

@@ -12,7 +12,19 @@ from sinstool.io.readers.lost import LogLosses
 
 @dataclass(frozen=True)
 class ExportedFrom:
-    """The exported result: its rows, and the frame of its attitudes ('' if unknown)."""
+    """The exported result.
+
+    Attributes
+    ----------
+    path : str
+        Of the result.
+    rows : int
+        Number of attitudes.
+    first_ns, last_ns : int
+        Times of the first and last.
+    frame : str
+        Frame of the attitudes; '' if unknown.
+    """
 
     path: str
     rows: int
@@ -23,7 +35,21 @@ class ExportedFrom:
 
 @dataclass(frozen=True)
 class ExportedFile:
-    """The written file: its rows and columns."""
+    """The written file.
+
+    Attributes
+    ----------
+    path : str
+        Of the file.
+    format : str
+        Its suffix.
+    rows : int
+        Number of rows.
+    first_ns, last_ns : int
+        Times of the first and last.
+    columns : tuple of str
+        Their names.
+    """
 
     path: str
     format: str
@@ -39,14 +65,20 @@ class ExportResult(Result):
 
     Attributes
     ----------
+    input : ExportedFrom
+        The result of `process`.
+    output : ExportedFile
+        The file.
     rate_hz : float or None
-        Rows per second at most; None where every row was taken.
+        Largest number of rows per second; None if every row was exported.
     position : bool
         Whether the result has positions.
     geoid_height_m : float or None
         Subtracted from heights.
     lost : LogLosses or None
-        What could not be read of the result; None where it was in memory.
+        What could not be read of the result; None for a result in memory.
+    findings : tuple of Finding
+        About the result.
     """
 
     SCHEMA: ClassVar[str] = "sinstool.export/1"

@@ -17,7 +17,23 @@ SCHEMA = "sinstool.info/1"
 
 @dataclass(frozen=True)
 class InspectedFile:
-    """The log: all of its messages, and the span of their log times."""
+    """The log: all of its messages, and the span of their log times.
+
+    Attributes
+    ----------
+    path : str
+        As given.
+    format : str
+        ``mcap``, ``rosbag1``, ``rosbag2`` or ``ulog``.
+    profile : str
+        Of an MCAP; '' without.
+    size : int
+        Bytes.
+    messages : int
+        Of all topics.
+    start_ns, end_ns : int
+        First and last log time.
+    """
 
     path: str
     format: str
@@ -30,7 +46,21 @@ class InspectedFile:
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic by log time; the rate is None for a single instant."""
+    """One topic, by log time.
+
+    Attributes
+    ----------
+    topic, type : str
+        Its name, and its type with the encoding.
+    n, bytes : int
+        Number of messages, and their size.
+    rate_hz : float or None
+        Mean rate; None for a single instant.
+    longest_interval_s : float
+        Between two messages.
+    out_of_order : int
+        Messages whose log time is before that of their predecessor.
+    """
 
     topic: str
     type: str
@@ -43,7 +73,15 @@ class Topic:
 
 @dataclass(frozen=True)
 class Gap:
-    """A gap between two samples."""
+    """A gap between two samples.
+
+    Attributes
+    ----------
+    start_ns : int
+        Time of the sample before.
+    length_s : float
+        Time to the next one.
+    """
 
     start_ns: int
     length_s: float
@@ -51,7 +89,21 @@ class Gap:
 
 @dataclass(frozen=True)
 class StillStretch:
-    """A stretch in which the sensor turns at most steadily, in the log's own axes."""
+    """A stretch in which the sensor turns at most steadily, in the log's own axes.
+
+    Attributes
+    ----------
+    start_s, duration_s : float
+        From the first sample, and its length.
+    gyro_bias_rad_s : tuple of float
+        Mean rate: the bias and the Earth's rate, if it is a rest.
+    specific_force_m_s2 : tuple of float
+        Mean.
+    gravity_axis : str
+        Axis that points up, with its sign.
+    gyro_noise_rad_s, accel_noise_m_s2 : float
+        Standard deviation of the samples.
+    """
 
     start_s: float
     duration_s: float
@@ -69,7 +121,41 @@ class StillStretch:
 
 @dataclass(frozen=True)
 class InspectedImu:
-    """An Imu topic: intervals are the shortest, the median and the longest."""
+    """An Imu topic.
+
+    Attributes
+    ----------
+    topic, path : str
+        Its name, and where in the message the Imu is nested.
+    n : int
+        Samples in order, without repeated ones.
+    rate_hz : float
+        By the median interval.
+    first_ns, last_ns : int
+        Times of the first and last sample.
+    covered_s : float
+        Without the gaps.
+    interval_ms : tuple of float
+        Shortest, median and longest interval.
+    time_source : str
+        ``stamp`` (header stamps), or ``log`` (log times, if stamps are unusable).
+    gaps, gap_list : int, tuple of Gap
+        Intervals that are not integrated across.
+    duplicates, backward : int
+        Samples that repeat a stamp, and samples stamped before their predecessor.
+    log_less_stamp_s : tuple of float
+        Least and largest log time less header stamp.
+    specific_force_m_s2 : float
+        Median size.
+    gyro_max_rad_s, accel_max_m_s2 : tuple of float
+        Largest value on each axis.
+    orientation : bool
+        Whether it holds orientations.
+    still : tuple of StillStretch
+        The longest first.
+    findings : tuple of Finding
+        About this topic.
+    """
 
     topic: str
     path: str
@@ -95,7 +181,17 @@ class InspectedImu:
 
 @dataclass(frozen=True)
 class UnusableImu:
-    """An Imu topic without a usable sample, and why."""
+    """An Imu topic without a usable sample.
+
+    Attributes
+    ----------
+    topic : str
+        Its name.
+    n : int
+        Number of messages.
+    problem : str
+        In words.
+    """
 
     topic: str
     n: int
@@ -106,7 +202,18 @@ class UnusableImu:
 class Verdict:
     """The plan of `process` for the log, or why it would refuse it.
 
-    Its findings are of what it takes beside the Imu, and of what it has to give up.
+    Attributes
+    ----------
+    possible : bool
+        Whether `process` would compute a result.
+    imu_topic : str or None
+        The topic that it would use.
+    why : str
+        Reason of a refusal, or of the choice of the topic.
+    plan : Plan or None
+        None if it would refuse.
+    findings : tuple of Finding
+        About aiding sensors, and about choices that could not be made.
     """
 
     possible: bool
@@ -130,7 +237,21 @@ class Verdict:
 
 @dataclass(frozen=True)
 class Inspection:
-    """Contents of a log, its findings, and the plan of `process`."""
+    """Contents of a log, its findings, and the plan of `process`.
+
+    Attributes
+    ----------
+    input : InspectedFile
+        The log.
+    topics : tuple of Topic
+        All of them.
+    imu : tuple of InspectedImu or UnusableImu
+        Each Imu topic.
+    process : Verdict
+        What `process` would do.
+    lost : LogLosses
+        Damaged parts.
+    """
 
     input: InspectedFile
     topics: tuple[Topic, ...]

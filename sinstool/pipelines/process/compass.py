@@ -148,7 +148,7 @@ class MagneticHeading:
         if self._off > limit:
             yield Finding(
                 "field-denied",
-                f"topic {topic}: most of the time the gyros turn otherwise than the field, by"
+                f"topic {topic}: most of the time the gyros turn differently from the field, by"
                 f" {self._off / DEGREE:.0f} deg in the median, so one or the other is wrong: do not"
                 " trust the attitude",
                 severity=Severity.LOST,

@@ -101,7 +101,15 @@ def _velocity(log_: Log, channels: tuple[Channel, ...]) -> tuple[np.ndarray, np.
 
 @dataclass(frozen=True)
 class AxisErrors:
-    """Errors north, east, down: root mean square, largest, and at the end."""
+    """Errors along north, east and down.
+
+    Attributes
+    ----------
+    instants : int
+        Number of comparisons.
+    rms, largest, last : tuple of float
+        Root mean square, largest size, and at the end.
+    """
 
     instants: int
     rms: tuple[float, ...]
@@ -115,10 +123,15 @@ class VerticalErrors:
 
     Attributes
     ----------
+    inclination_rms, inclination_largest : float
+        Of the inclination.
+    heading_rms : float
+        Of the heading.
     heading_drift : float
-        Of the last error of heading less the first, within half a turn.
+        Last error of heading less the first, within half a turn.
     heading_aligned : float or None
-        What was taken off all headings, as nothing refers them to north: the error of the first.
+        First error of heading, subtracted from all headings if nothing references them to north;
+        else None.
     """
 
     inclination_rms: float
@@ -130,7 +143,19 @@ class VerticalErrors:
 
 @dataclass(frozen=True)
 class RunErrors:
-    """Errors of a run against what was named; None where there was nothing to compare."""
+    """Errors of a run against references; None where there was nothing to compare.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Topics and files of ``--truth``.
+    attitude_deg : AxisErrors or None
+        Small rotation from the true attitude to the computed one.
+    vertical_deg : VerticalErrors or None
+        The same, as inclination and heading.
+    position_m, velocity_m_s : AxisErrors or None
+        Computed less true.
+    """
 
     names: tuple[str, ...]
     attitude_deg: AxisErrors | None = None

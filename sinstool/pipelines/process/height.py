@@ -31,23 +31,23 @@ from sinstool.methods.height.reference import (
 )
 from sinstool.methods.height.standard_atmosphere import STANDARD_PRESSURE
 from sinstool.methods.sensor_errors import Grade
-from sinstool.pipelines.process.summary import (
+from sinstool.pipelines.process.height_used import (
     BarometerSetting,
     FinalHeight,
     HeightDamping,
     HeightEvent,
-    Sink,
 )
+from sinstool.pipelines.process.summary import Sink
 from sinstool.survey.grade import ImuGrade, sensor_grade
 from sinstool.survey.source import Source
 
-# Samples that a height at the start is tied to, s.
+# Time whose samples set the height at the start, s.
 START_S = 1.0
-# Pressures further apart than this say nothing of the height between them.
+# Pressures further apart than this are not interpolated.
 NEAR_NS = 2_000_000_000
-# A change of height, m, that is none of noise: the least gate of the vertical channel.
+# Least gate of the vertical channel, m: a larger change of height is not noise.
 MOVED_M = 8.0
-# Rows before and after a jump whose medians show it, and how unusual the change has to be.
+# Rows before and after a jump whose medians show it, and the ratio to the usual change.
 JUMP_ROWS = 5
 JUMP_RATIO = 10.0
 # Why samples of a height reference are left out.

@@ -39,11 +39,11 @@ from sinstool.pipelines.process.summary import (
 )
 from sinstool.survey.source import Source, imu_blocks
 
-# A velocity this near the start is that of the start.
+# A GNSS velocity within this time of the start is that of the start.
 VELOCITY_NS = 2 * SECOND
-# What a MEMS accelerometer may well be off by: 1 mg.
+# Plausible bias of a MEMS accelerometer, for an example: 1 mg.
 EXAMPLE_BIAS = MILLI_G
-# And a MEMS gyro, once its bias at rest is taken off.
+# Plausible bias of a MEMS gyro after removal of its mean at rest.
 EXAMPLE_DRIFT = 10.0 * DEGREE_PER_HOUR
 
 

@@ -1,7 +1,7 @@
 """A run of `process` from log to solution, readable from top to bottom.
 
 `process` opens the log, surveys it, makes the plan, has it carried out by the mode that it names,
-and returns what there is to say. The output appears when all of it is written.
+and returns the result. The output appears when all of it is written.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _carry_out(
     outcome = mode.conclude(written.last, sink)
     written.complete()
     lost = Lost.of(source)
-    # What the run says of a thing holds what the survey said of it
+    # A finding of the run includes that of the survey of the same kind and topic
     said = {(finding.kind, finding.topic) for finding in outcome.findings}
     survey = (f for f in source.findings if (f.kind, f.topic) not in said)
     findings = (*survey, *plan.findings, *left_out, *outcome.findings, *lost.findings())

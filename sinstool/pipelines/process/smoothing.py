@@ -50,28 +50,28 @@ from sinstool.survey.grade import gyro_walk, largest_bias, sensor_grade
 from sinstool.survey.rest import longest_rest, moving_at
 from sinstool.survey.source import Source, nominal_interval
 
-# Intervals that are integrated across when gravity will put right what that leaves.
+# Gaps up to this long are integrated across, as gravity corrects the tilt afterwards.
 SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
-# Sigmas of an alignment in motion are taken for so many times what they are: what it could not
-# model lasts all along.
+# Factor on the sigmas of an alignment in motion: its unmodelled errors last for the whole log.
 CAUTION = 2.0
-# A gyro that turns more slowly at its largest is not at its stop, rad/s. It is at its stop from
-# this share of its largest rate on.
+# A gyro whose largest rate is below this, rad/s, is not saturated. One that is, is so from this
+# share of its largest rate on.
 LEAST_STOP, STOP_SHARE = 1.0, 0.997
-# What the survey calls still for so long, s, is a rest; a hand turns slowly for two seconds.
+# A still span of the survey is a rest if it is this long, s: a hand turns slowly for two seconds.
 LONG_REST_S = 5.0
-# The mean rate of a rest is the bias if so much of it is one.
+# The mean rate of a still span is the gyro bias if this share of it is judged to be a rest.
 LEAST_REST = 0.5
-# What is said of an attitude: tilt less certain than this, rad; shares of the time at the stops.
+# Limits of findings: sigma of tilt, rad; share of the time at the stops, for a warning and for a
+# result that is not to be trusted.
 UNCERTAIN_TILT = 2.0 * DEGREE
 STOPPED_SHARE, LOST_SHARE = 0.002, 0.03
-# Share of the time in steady turns that is more than a bend or two.
+# Share of the time in steady turns beyond which the finding `long-turns` is given.
 LONG_TURNS = 0.1
-# What is steady for such a share of the time, at more than this, rad/s, may be a turn.
+# A rate that is steady for such a share of the time, and larger than this, rad/s, may be a turn.
 STEADY, STEADY_RATE = 0.9, 1.0 * DEGREE
-# No hand or drone that was recorded has such a margin, nat per moving epoch.
+# Margin of a vehicle over a hand, nat per moving epoch, beyond that of any recorded hand or drone.
 DENIED_MARGIN = 2.0
-# Diagnostics are written for each so many epochs.
+# Diagnostics are written once in so many epochs.
 DIAGNOSED = 5
 DIAGNOSTICS = (
     "tilt sigma (deg)",
@@ -112,7 +112,7 @@ class Smoothing:
         if config.input.max_gap is None:
             longer = max(SHORT_GAP_INTERVALS * nominal_interval(source, config), SHORT_GAP_NS)
             settings["max_gap_ns"] = max(settings["max_gap_ns"], int(longer))
-        # The smoother knows what rest is; what is held here could not be put right there.
+        # The smoother finds rests itself, and could not undo an attitude that is held here.
         settings["still_until_ns"] = None
         self._settings = AttitudeSettings(**settings, omega_ie_n=omega_ie_n)
         self.run = self._new_run()
@@ -347,7 +347,7 @@ class Smoothing:
                 "gravity and the gyros contradict each other in all of the log, so roll and pitch"
                 " are those of the gyros alone: do not trust them",
                 severity=Severity.LOST,
-                answer="look at what info says of units, axes and ranges",
+                answer="see what info says about units, axes and ranges",
             )
         elif s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
             at = (self._worst_ns - first_ns) / SECOND

@@ -1,4 +1,4 @@
-"""The parts of a result of `process`: input, methods and results."""
+"""The parts of a result of `process` that all modes have, and how an attitude was smoothed."""
 
 from __future__ import annotations
 
@@ -14,13 +14,11 @@ from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm, of_rates
-from sinstool.methods.ins_gnss.withheld import WithheldScore
-from sinstool.pipelines.process.travel import Outages
-from sinstool.survey.grade import ImuGrade
 
 if TYPE_CHECKING:
     from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics
-    from sinstool.pipelines.process.vehicle_used import VehicleUsed
+    from sinstool.pipelines.process.filter_used import FilterUsed
+    from sinstool.pipelines.process.height_used import HeightDamping
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,17 @@ class Sink(Protocol):
 
 @dataclass(frozen=True)
 class InputFile:
-    """The log that was read."""
+    """The log that was read.
+
+    Attributes
+    ----------
+    path : str
+        Of the log, as given.
+    size : int
+        Of the file or bag, bytes.
+    sha256 : str
+        Of the file; of a bag that of its list of files, see the page on formats.
+    """
 
     path: str
     size: int
@@ -77,7 +85,15 @@ class InputFile:
 
 @dataclass(frozen=True)
 class Place:
-    """A place on the Earth; its height is above the ellipsoid."""
+    """A place on the Earth.
+
+    Attributes
+    ----------
+    latitude_deg, longitude_deg : float
+        WGS 84.
+    height_m : float
+        Above the ellipsoid.
+    """
 
     latitude_deg: float
     longitude_deg: float
@@ -91,9 +107,20 @@ class Place:
 
 @dataclass(frozen=True)
 class OutputFile:
-    """The MCAP that was written, if any: its result topics, and the frame of their attitudes.
+    """The MCAP that was written, if any.
 
-    Positions in that frame count from ``origin``; None where there are none.
+    Attributes
+    ----------
+    path : str or None
+        None if nothing was written.
+    topics : tuple of str
+        The topics with results.
+    attitudes : int
+        Number of attitudes written.
+    frame : str
+        World frame of the attitudes: ``map`` or ``odom``, with ``_ned`` for NED.
+    origin : Place or None
+        Origin of positions in that frame; None if the mode computes none.
     """
 
     path: str | None
@@ -105,7 +132,30 @@ class OutputFile:
 
 @dataclass(frozen=True)
 class FirstAttitude:
-    """The attitude that a run starts from, and the gyro bias; sigmas are None where unknown."""
+    """The attitude that a run starts from, and the gyro bias.
+
+    Attributes
+    ----------
+    method : str
+        As in ``plan.first_attitude``, or ``filter-start``.
+    how : str
+        Source of the attitude, in words.
+    time_ns : int
+        When it holds.
+    roll_deg, pitch_deg, heading_deg : float
+        Forward-Right-Down axes of the IMU in North-East-Down.
+    sigma_deg : tuple of float or None
+        Of small rotations about north, east, down; None if unknown.
+    status : str
+        ``ok``, ``degraded`` or ``level-only``.
+    north_referenced : bool
+        Whether heading counts from true north.
+    gyro_bias_rad_s : tuple of float
+        Gyro bias at the start, removed from the rates, FRD.
+    gyro_bias_source : str
+        ``start`` (of a filter), ``alignment``, ``rest`` (the longest one), ``still`` (the rest at
+        the beginning), ``given``, ``rig`` or ``none``.
+    """
 
     method: str
     how: str
@@ -140,7 +190,25 @@ class FirstAttitude:
 
 @dataclass(frozen=True)
 class ConingUsed:
-    """The coning algorithm, in the form for the kind of sample that the log has."""
+    """The coning algorithm, in the form for the kind of sample that the log has.
+
+    Attributes
+    ----------
+    algorithm : str
+        Its name, with the number of samples if it has one.
+    summary : str
+        What it does, in words.
+    samples_per_update : int
+        Gyro samples in one update of the attitude.
+    gyro_kind : str
+        What a sample was taken to be: ``rate``, ``mean-rate`` or ``increment``.
+    takes : str
+        ``increments`` or ``rates``.
+    updates : int
+        Updates of the attitude.
+    source : str
+        Publication of the algorithm.
+    """
 
     algorithm: str
     summary: str
@@ -175,27 +243,31 @@ class MagnetometerUsed:
 
     Attributes
     ----------
+    topic : str
+        Its topic.
     refused : str
-        Why it is not used; '' where it is.
+        Reason why it is not used; '' if it is.
     north : str
-        What heading counts from: ``true``, ``magnetic``, or ``none`` where it is refused or the
-        log cannot show what iron in the body adds to the field.
+        What heading counts from: ``true``, ``magnetic``, or ``none`` if it is refused or the log
+        cannot show what iron in the body adds to the field.
     declination_deg : float or None
-        East of north; None where it is not known.
+        Positive east; None if it is not known.
     declination_source : str
-        ``given``, ``model`` or '' where it is not known.
+        ``given``, ``model``, or '' if it is not known.
     field_T, dip_deg : float
-        Of what was taken for the Earth's field; downwards is positive.
+        Strength and dip, positive down, of what was taken for the Earth's field.
     trusted : float
-        Share of the time with a field in which it was the Earth's.
+        Share of the time in which the field was the Earth's.
     scatter_deg : float
-        Of headings against the gyros'.
+        Scatter of its headings about those of the gyros.
     hard_iron_T : tuple of float or None
-        FRD; None where nothing could be found.
+        Field of iron in the body, FRD; None if it is not observable.
+    hard_iron_removed : bool
+        Whether it was subtracted.
     hard_iron_sigma_T : float or None
         Of its part that turns headings.
     heading_sigma_deg : float or None
-        Median; None where it is refused.
+        Median sigma of heading; None if the magnetometer is refused.
     """
 
     topic: str
@@ -220,19 +292,28 @@ class AttitudeSmoothing:
     Attributes
     ----------
     motion : {'hand', 'vehicle'}
-        What was assumed to be bounded.
+        The assumed motion.
     motion_margin_nat : float or None
-        By how much an epoch a vehicle was more likely than a hand; None where it was configured.
+        By how many nat per epoch a vehicle was likelier than a hand; None if it was not compared.
+    acceleration_density_m_s2_sqrt_hz : float
+        Density of the accelerations of the motion, as fitted to the log.
+    rest_s : float
+        Time at rest.
+    gyro_at_stop_s : float
+        Time in which a gyro is saturated.
     tilt_sigma_deg, tilt_sigma_largest_deg : float
-        Of roll and pitch: the median over the log and the largest.
+        Sigma of roll and pitch: median over the log, and largest.
     heading_sigma_end_deg : float
         Of the last heading: since the start, unless heading is referenced to north.
     accel_bias_m_s2 : tuple of float or None
-        Of the accelerometers, FRD; None where the motion does not show it.
+        Estimated bias of the accelerometers, FRD; None if it is not observable.
     accel_bias_sigma_m_s2 : float
-        Biases of the accelerometers that the sigmas of tilt allow for: those left of a vehicle's.
+        Bias of the accelerometers that the sigmas of tilt allow for: for a vehicle, what is left
+        after the estimate.
     gyro_bias_rad_s, gyro_bias_sigma_rad_s : tuple of float
-        At the end, FRD.
+        Gyro bias at the end, FRD, and its sigma.
+    magnetometer : MagnetometerUsed or None
+        None without one.
     """
 
     motion: str
@@ -256,157 +337,18 @@ class AttitudeSmoothing:
 
 
 @dataclass(frozen=True)
-class BarometerSetting:
-    """Reference of the barometer."""
-
-    mode: str
-    offset_m: float
-    scale: float
-
-
-@dataclass(frozen=True)
-class HeightEvent:
-    """Something that happened to the vertical channel; the size's unit depends on the kind."""
-
-    kind: str
-    time_ns: int
-    size: float
-    duration_s: float
-
-
-@dataclass(frozen=True)
-class FinalHeight:
-    """The vertical channel at the end."""
-
-    height_m: float
-    velocity_up_m_s: float
-    accelerometer_correction_m_s2: float
-
-
-@dataclass(frozen=True)
-class HeightDamping:
-    """Damping of the height: its source, its settings, and its events."""
-
-    damping: str
-    topic: str
-    tau_s: float
-    k4_s: float
-    gains: tuple[float, ...]
-    reference: BarometerSetting | None
-    samples: dict[str, int]
-    seconds: dict[str, float]
-    phase: str
-    difference_rms_m: float
-    offset_m: float
-    final: FinalHeight
-    events: tuple[HeightEvent, ...]
-    imu_grade: ImuGrade
-
-
-@dataclass(frozen=True)
-class FilterStartTime:
-    """Time and method of a filter's start."""
-
-    time_ns: int
-    how: str
-
-
-@dataclass(frozen=True)
-class LatencyUsed:
-    """Latency of the fixes, in the middle of the log if it changes, and how it was determined."""
-
-    status: str
-    sigma_s: float | None
-    estimate_s: float | None
-    position_s: float
-    velocity_s: float
-    clock_ppm: float = 0.0
-
-
-@dataclass(frozen=True)
-class WithheldScores(WithheldScore):
-    """Errors of a solution at withheld fixes; beside a smoother's those of its filter."""
-
-    filter: WithheldScore | None = None
-
-
-@dataclass(frozen=True)
-class FilterUsed:
-    """An INS/GNSS filter: its kind, its inputs, and its last estimates."""
-
-    filter: str
-    requested: str
-    states: int
-    smoothed: bool
-    feedback: str
-    start: FilterStartTime
-    imu_grade: ImuGrade
-    gnss_noise: str
-    gnss_latency_s: float
-    gnss_latency: LatencyUsed
-    lever_arm_m: tuple[float, ...]
-    updates: int
-    epochs_used: int
-    epochs_gated: int
-    epochs_before_start: int
-    restarts: int
-    mean_nis: float
-    gyro_bias_rad_s: tuple[float, ...]
-    accel_bias_m_s2: tuple[float, ...]
-    accel_scale: np.ndarray
-    gyro_scale: np.ndarray
-    gyro_misalignment: np.ndarray | None
-    accel_misalignment: np.ndarray | None
-    baro_bias_m: float
-    vehicle: VehicleUsed
-    events: dict[str, int]
-    outages: Outages
-    withheld: WithheldScores | None
-
-
-@dataclass(frozen=True)
-class TurntableStretch:
-    """A stretch at constant rate: its heading as aligned, the correction, and the result."""
-
-    start_ns: int
-    duration_s: float
-    turns: int
-    rate_deg_s: float
-    C23_rad: float
-    heading_raw_deg: float
-    correction_arcsec: float
-    sigma_correction_arcsec: float | None
-    heading_deg: float
-    sigma_heading_arcsec: float | None
-    outside_rate: bool
-    outside_C23: bool
-
-
-@dataclass(frozen=True)
-class UnusedStretch:
-    """A stretch that could not be aligned on, and why."""
-
-    start_s: float
-    duration_s: float
-    rate_deg_s: float
-    reason: str
-
-
-@dataclass(frozen=True)
-class HseCorrection:
-    """The heading-sensitive error that was removed, stretch by stretch."""
-
-    file: str | None
-    status: str
-    lambda2_arcsec: float | None
-    sigma_lambda2_arcsec: float | None
-    segments: tuple[TurntableStretch, ...]
-    not_used: tuple[UnusedStretch, ...]
-
-
-@dataclass(frozen=True)
 class GnssDifference:
-    """Position less that of the last fix; up is None where the fix has no height."""
+    """Position less that of the last fix.
+
+    Attributes
+    ----------
+    time_ns : int
+        Of the fix.
+    north_m, east_m : float
+        Horizontal difference.
+    up_m : float or None
+        None if the fix has no height.
+    """
 
     time_ns: int
     north_m: float
@@ -416,7 +358,19 @@ class GnssDifference:
 
 @dataclass(frozen=True)
 class FinalState:
-    """The last attitude, and the last position where there is one."""
+    """The last attitude, and the last position if there is one.
+
+    Attributes
+    ----------
+    time_ns : int
+        Of the attitude.
+    q_wxyz_ned_frd : tuple of float
+        Unit quaternion, scalar first, from Forward-Right-Down to North-East-Down.
+    roll_deg, pitch_deg, heading_deg : float
+        The same as angles.
+    lat_deg, lon_deg, height_m : float or None
+        Of the last solution, or of the first fix in a mode without positions; None if unknown.
+    """
 
     time_ns: int
     q_wxyz_ned_frd: tuple[float, ...]

@@ -28,7 +28,13 @@ MISSED, LEAST_OUTAGE_S = 3.0, 2.0
 
 @dataclass(frozen=True)
 class Spread:
-    """A standard deviation over a run."""
+    """A standard deviation over a run.
+
+    Attributes
+    ----------
+    median, largest : float
+        In the unit of its key.
+    """
 
     median: float
     largest: float
@@ -42,8 +48,10 @@ class Accuracy:
     ----------
     tilt_deg : Spread
         About the worse of north and east.
+    heading_deg : Spread
+        About down.
     horizontal_m, height_m : Spread or None
-        The worse of north and east, and down; None where a run has no position.
+        The worse of north and east, and down; None if a run has no position.
     """
 
     tilt_deg: Spread
@@ -80,8 +88,10 @@ class Outages:
 
     Attributes
     ----------
+    count : int
+        Number of outages.
     total_s, longest_s : float
-        0 where there is none.
+        0 without any.
     """
 
     count: int

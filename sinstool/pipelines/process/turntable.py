@@ -43,16 +43,11 @@ from sinstool.pipelines.calibrate_hse.calibration_file import loads
 from sinstool.pipelines.calibrate_hse.run import correct_runs, rig_of, segment_rules
 from sinstool.pipelines.log_used import ImuTime, Lost
 from sinstool.pipelines.plan import Plan, turntable_plan
+from sinstool.pipelines.process.hse_used import HseCorrection, TurntableStretch, UnusedStretch
 from sinstool.pipelines.process.mode import warned
 from sinstool.pipelines.process.output import Output
 from sinstool.pipelines.process.result import ProcessResult
-from sinstool.pipelines.process.summary import (
-    FinalState,
-    FirstAttitude,
-    HseCorrection,
-    TurntableStretch,
-    UnusedStretch,
-)
+from sinstool.pipelines.process.summary import FinalState, FirstAttitude
 from sinstool.survey.rig import RigLog, RigTurns, find_turns, nothing_to_use, read_rig_log
 
 BLOCK = 65536

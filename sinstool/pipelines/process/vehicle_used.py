@@ -11,18 +11,20 @@ class WheelSpeedUsed:
 
     Attributes
     ----------
+    topic : str
+        Of the readings.
     unit : str
-        Of the readings, m/s or rad/s.
+        Of the readings, ``m/s`` or ``rad/s``.
     metres_per_unit, scale_sigma : float
-        A factor near 1, or the radius, as the filter has it in the end; its sigma as a fraction.
+        Last estimate of the factor near 1, or of the radius, and its sigma as a fraction.
     latency_s, latency_sigma_s : float
-        By which stamps are late.
+        Delay of the stamps.
     sigma_m_s : float
-        What the speed was taken to be off by, as a mean over a second.
+        Assumed error of the speed, as a mean over a second.
     used, slipped : int
-        How often it was used, and how often it did not fit and was left out.
+        How often a reading was used, and how often it was left out as it did not fit.
     one_slips : float
-        Share of the readings in which one wheel turned otherwise than the other, left out too.
+        Share of the readings that are left out as one wheel turned differently from the other.
     """
 
     topic: str
@@ -39,7 +41,7 @@ class WheelSpeedUsed:
 
 @dataclass(frozen=True)
 class LandVehicleUsed:
-    """A vehicle whose axle does not slide, as a filter estimated it in the end.
+    """A vehicle whose axle does not slide, as a filter estimated it last.
 
     Attributes
     ----------
@@ -48,13 +50,16 @@ class LandVehicleUsed:
     mount_sigma_deg : tuple of float
         Of pitch and yaw.
     axle_m, axle_sigma_m : float
-        How far the IMU is ahead of the axle.
+        Distance of the IMU ahead of the axle.
     sideslip_rad_s2_m, squat_rad_s2_m : float
-        Of the axle per lateral, of the body per forward acceleration, rad/(m/s^2).
+        Sideslip of the axle per lateral acceleration, and pitch of the body per forward
+        acceleration, rad/(m/s^2).
     lateral_m_s, vertical_m_s : float
-        What the axle's velocity was taken to be off 0 by, as a mean over a second.
+        Assumed sigma of the axle's velocity sideways and up, as a mean over a second.
     used, slid : int
-        How often it was held not to slide, and how often that did not hold.
+        How often the constraint was used, and how often it did not hold.
+    wheels : WheelSpeedUsed or None
+        None without wheel speeds.
     """
 
     mount_deg: tuple[float, ...]
@@ -83,7 +88,9 @@ class VehicleUsed:
     rest_s : float
         How long it was held at rest.
     rest_reason : str
-        By what it was known to rest.
+        Evidence for the rest, as the end of a sentence.
+    land : LandVehicleUsed or None
+        None if the axle may slide.
     """
 
     kind: str

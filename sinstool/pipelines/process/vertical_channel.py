@@ -12,7 +12,7 @@ from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.vertical import VerticalChannel, upward_specific_force
 from sinstool.pipelines.process.height import damping, height_warnings
-from sinstool.pipelines.process.summary import HeightDamping
+from sinstool.pipelines.process.height_used import HeightDamping
 from sinstool.survey.source import Source
 
 # Gravity there is half-way between that of the equator and the poles.

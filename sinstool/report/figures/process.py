@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.pipelines.process.errors_against_truth import KINDS
-from sinstool.pipelines.process.summary import HseCorrection
+from sinstool.pipelines.process.hse_used import HseCorrection
 from sinstool.report.figure import Figure, FloatArray, Series, heading_curve
 from sinstool.report.figures.parts import AXES, both_sides, length, positive
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.withheld import Outage
-from sinstool.pipelines.process import summary
+from sinstool.pipelines.process import filter_used, height_used, hse_used
 from sinstool.pipelines.process.errors_against_truth import RunErrors
 from sinstool.pipelines.process.result import ProcessResult
 from sinstool.pipelines.process.travel import Spread
@@ -149,7 +149,7 @@ def _error_facts(truth: RunErrors | None) -> list[Fact]:
     return facts
 
 
-def _filter_facts(used: summary.FilterUsed | None) -> list[Fact]:
+def _filter_facts(used: filter_used.FilterUsed | None) -> list[Fact]:
     if used is None:
         return []
     out = used.outages
@@ -165,14 +165,14 @@ def _filter_facts(used: summary.FilterUsed | None) -> list[Fact]:
     return facts
 
 
-def _height_facts(height: summary.HeightDamping | None) -> list[Fact]:
+def _height_facts(height: height_used.HeightDamping | None) -> list[Fact]:
     if height is None:
         return []
     value = f"{height.difference_rms_m:.3g} m"
     return [Fact("Difference from reference", value, f"of height, latest rms, {height.topic}")]
 
 
-def _hse_facts(hse: summary.HseCorrection) -> list[Fact]:
+def _hse_facts(hse: hse_used.HseCorrection) -> list[Fact]:
     most = max(hse.segments, key=lambda s: abs(s.correction_arcsec), default=None)
     if most is None:
         return []
@@ -201,7 +201,7 @@ def _by_start(
     title: str,
     kind: str,
     result: ProcessResult,
-    spans: Sequence[Outage | summary.TurntableStretch],
+    spans: Sequence[Outage | hse_used.TurntableStretch],
     columns: Mapping[str, Column],
     notes: tuple[str, ...] = (),
 ) -> Table:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from sinstool.pipelines.plan import Plan
-    from sinstool.pipelines.process import summary
+    from sinstool.pipelines.process import filter_used, summary
     from sinstool.pipelines.process.result import ProcessResult
     from sinstool.pipelines.process.travel import Accuracy, Travel
 
@@ -16,7 +16,7 @@ WHAT = {
     "ins": "Attitude, velocity and position were computed from the IMU alone",
     "ins-gnss": "Attitude, velocity and position were computed from the IMU and GNSS",
 }
-# Innovations squared over their expectation beyond which a reader is told what it means.
+# Squared innovations over their expectation outside of which the text explains what it means.
 LOW_NIS, HIGH_NIS = 0.5, 2.0
 
 
@@ -65,7 +65,7 @@ def _way(travel: Travel) -> str:
     )
 
 
-def _fixes(used: summary.FilterUsed | None) -> str:
+def _fixes(used: filter_used.FilterUsed | None) -> str:
     if used is None:
         return ""
     count = f"{used.epochs_used} GNSS epochs were used"
@@ -144,7 +144,7 @@ def _first(result: ProcessResult) -> str:
     return choice.reason.removeprefix(f"attitude by {choice.value} ")
 
 
-def _vehicle(plan: Plan, used: summary.FilterUsed | None) -> list[str]:
+def _vehicle(plan: Plan, used: filter_used.FilterUsed | None) -> list[str]:
     if used is None:
         return []
     vehicle = used.vehicle

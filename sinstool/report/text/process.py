@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from sinstool.report.text.numbers import measured
 
 if TYPE_CHECKING:
-    from sinstool.pipelines.process import summary
+    from sinstool.pipelines.process import filter_used, height_used, hse_used, summary
     from sinstool.pipelines.process.errors_against_truth import RunErrors
     from sinstool.pipelines.process.result import ProcessResult
     from sinstool.pipelines.process.vehicle_used import VehicleUsed
@@ -158,7 +158,7 @@ def _place(result: ProcessResult) -> str:
     )
 
 
-def _height(height: summary.HeightDamping) -> list[Row]:
+def _height(height: height_used.HeightDamping) -> list[Row]:
     samples, final = height.samples, height.final
     k4 = f", K4 {height.k4_s:g} s" if height.k4_s else ""
     used = f"{samples['accepted']} of {sum(samples.values())} samples used"
@@ -178,7 +178,7 @@ def _height(height: summary.HeightDamping) -> list[Row]:
     ]
 
 
-def _filter(filter_: summary.FilterUsed | None) -> list[Row]:
+def _filter(filter_: filter_used.FilterUsed | None) -> list[Row]:
     """The filter as pairs of label and text."""
     if filter_ is None:
         return []
@@ -236,7 +236,7 @@ def _vehicle(vehicle: VehicleUsed) -> list[Row]:
     ]
 
 
-def _latency(latency: summary.LatencyUsed) -> str:
+def _latency(latency: filter_used.LatencyUsed) -> str:
     """Latency of the fixes."""
     position, velocity = 1e3 * latency.position_s, 1e3 * latency.velocity_s
     how = "estimated" if latency.status == "found" else latency.status
@@ -250,7 +250,7 @@ def _latency(latency: summary.LatencyUsed) -> str:
     return f"latency of positions {position:.1f} ms, of velocities {velocity:.1f} ms ({how})"
 
 
-def _withheld(scores: summary.WithheldScores | None) -> list[Row]:
+def _withheld(scores: filter_used.WithheldScores | None) -> list[Row]:
     if scores is None:
         return []
     outages = scores.outages
@@ -307,7 +307,7 @@ def _truth(truth: RunErrors | None) -> list[Row]:
     return rows
 
 
-def _hse(hse: summary.HseCorrection) -> list[Row]:
+def _hse(hse: hse_used.HseCorrection) -> list[Row]:
     """Heading before and after, stretch by stretch."""
     return [
         (

@@ -126,7 +126,7 @@ class Answer:
     warnings: tuple[str, ...] = ()
 
 
-def test_a_gyro_bias_that_no_refinement_confirms_is_not_gone_after(monkeypatch):
+def test_a_gyro_bias_that_no_refinement_confirms_is_not_used(monkeypatch):
     """An answer that was not refined may be anything, however well it fits."""
     bias = SimpleNamespace(gyro_bias=np.array([0.0, 0.0, 1.0]) * DEGREE)
     removed = []

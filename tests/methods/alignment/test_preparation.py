@@ -63,11 +63,11 @@ def test_whole_increments_over_a_gap_stay():
     np.testing.assert_array_equal(parts[0].imu.delta_velocity, shorter.delta_velocity)
 
 
-def test_long_gaps_break_the_chain():
+def test_long_gaps_interrupt_the_attitude():
     parts, warnings = stretches(without(imu(), slice(1000, 1004)), AlignmentSettings())
     assert [len(p.imu) for p in parts] == [1000, 2996]
     assert parts[1].after == "a gap of 0.025 s in the IMU"
-    assert "breaks the chain" in warnings[0]
+    assert "interrupts the attitude" in warnings[0]
 
 
 def test_a_gap_breaks_the_chain_while_turning_and_what_is_none_does_not():
@@ -125,7 +125,7 @@ def test_repeats_are_dropped_and_backward_time_refused():
     )
     parts, warnings = stretches(again, AlignmentSettings())
     np.testing.assert_array_equal(parts[0].imu.time_ns, samples.time_ns)
-    assert "3 IMU samples that repeat a time" in warnings[0]
+    assert "3 IMU samples with repeated times" in warnings[0]
     with pytest.raises(AlignmentError, match="IMU time runs backward after sample 0"):
         ImuIncrements(samples.time_ns[::-1], samples.delta_theta, samples.delta_velocity)
     with pytest.raises(AlignmentError, match="not finite"):
@@ -153,7 +153,7 @@ def test_fixes_without_place_or_of_repeated_time():
     time = np.arange(300) * 100 * MS
     time[50] = time[49]
     gnss, _, warnings = prepare_fixes(fixes(latitude=latitude, time_ns=time), AlignmentSettings())
-    assert len(gnss) == 298 and "1 fixes that repeat a time" in warnings[0]
+    assert len(gnss) == 298 and "1 fixes with repeated times" in warnings[0]
 
 
 def missing(count, which):

@@ -49,7 +49,7 @@ def simulated(motion, chosen, kind):
 
 @pytest.mark.parametrize("kind", ["rate", "mean-rate", "increment"])
 @pytest.mark.parametrize("name", PER_SAMPLE)
-def test_prediction_is_what_happens(motion, name, kind):
+def test_predicted_drift_is_that_of_a_simulation(motion, name, kind):
     chosen = algorithm(name)
     spectrum = coning_spectrum(samples(motion, kind), STEP, kind)
     predicted = predicted_drift(spectrum, chosen) * PER_HOUR

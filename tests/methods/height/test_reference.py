@@ -31,7 +31,7 @@ def test_setting_gives_height_above_the_ellipsoid():
         reference_from_setting(1013.25)
 
 
-def test_start_gives_the_height_told():
+def test_start_gives_the_height_configured():
     p = np.array([np.nan, 95010.0, 95000.0, 0.0, 94990.0])
     reference = reference_from_start(p, 612.0)
     assert reference.height(95000.0) == pytest.approx(612.0)

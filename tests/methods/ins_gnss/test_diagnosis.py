@@ -262,14 +262,14 @@ def test_an_imu_much_worse_than_its_noise_says():
     assert "imu-noise" in causes(result), summary(result)
 
 
-def test_what_cannot_be_explained_is_told_all_the_same():
+def test_a_fault_without_a_cause_is_still_reported():
     jumps = tuple(Jump(t, t + 10.0, (80.0, -50.0, 0.0)) for t in range(40, 190, 30))
     result = examined(faults=GnssFaults(jumps=jumps))
     assert causes(result)[-1] == "divergence"
     assert "fixes" in summary(result)
 
 
-def test_noise_that_the_gate_measured_is_told():
+def test_noise_that_the_gate_measured_is_reported():
     noisy = GnssErrors((40.0, 40.0, 60.0), (0.0,) * 3, 100.0, (0.05, 0.05, 0.08))
     result = examined(errors=noisy)
     assert {(f.kind, f.topic) for f in result} == {

@@ -11,12 +11,11 @@ from sinstool.methods.ins_gnss.receiver_offsets import (
     _LEAST,
     _LEAST_SIGMA_M,
     _LEAST_SIGMA_S,
-    ARM_UNKNOWN_M,
-    LATENCY_S,
     _solved,
     estimate_offsets,
 )
 from sinstool.methods.ins_gnss.settings import Settings
+from sinstool.methods.receiver_priors import ARM_UNKNOWN_M, LATENCY_S
 
 
 def scores(nis, rows=6.0, latency=0.05, weight=400.0):

@@ -85,6 +85,22 @@ def test_the_first_fix_of_a_log_comes_after_an_outage():
     assert np.flatnonzero(leaps(shifted(gnss, 0, (0.0, 80.0)))).tolist() == [0]
 
 
+@pytest.mark.parametrize("noise", [0.02, 0.2, 3.0])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_leap_is_far_beyond_the_noise_of_the_log(noise, seed):
+    """A fix is usually 3.8 of its sigmas off the line through the next two; the limit is at 15."""
+    gnss, (first, _) = fixes(10.0, 1e4, noise, seed)
+    assert not leaps(shifted(gnss, first, (30.0 * noise, 0.0))).any()
+    far = 90.0 * noise + 0.2
+    assert np.flatnonzero(leaps(shifted(gnss, first, (far, 0.0)))).tolist() == [first]
+
+
+@pytest.mark.parametrize("left", [0, 1, 3])
+def test_too_few_fixes_after_an_outage_show_no_leap(left):
+    gnss, (first, _) = fixes(5.0, 60.0, SIGMA, 1)
+    assert not leaps(shifted(gnss, first, (200.0, 0.0)).rows(slice(0, first + 1 + left))).any()
+
+
 def test_where_the_next_ones_do_not_agree_nothing_is_said():
     gnss, (first, _) = fixes(5.0, 60.0, SIGMA, 1)
     for k in range(5):

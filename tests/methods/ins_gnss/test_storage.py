@@ -111,7 +111,7 @@ def test_the_system_s_folder_is_named_with_what_chooses_it(tmp_path, monkeypatch
     assert "TMPDIR" in caught.value.hint
 
 
-def test_a_system_without_any_usable_folder_is_told_of(monkeypatch):
+def test_no_usable_folder_is_reported(monkeypatch):
     """As where all disks are full: Python then finds no place for temporary files at all."""
     monkeypatch.setattr(tempfile, "tempdir", None)
     monkeypatch.setattr(tempfile, "_candidate_tempdir_list", lambda: ["/nowhere/at/all"])
@@ -122,7 +122,7 @@ def test_a_system_without_any_usable_folder_is_told_of(monkeypatch):
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs the file that is always full")
-def test_a_full_folder_is_told_of(tmp_path, monkeypatch):
+def test_a_full_folder_is_reported(tmp_path, monkeypatch):
     with open("/dev/full", "w+b", 0) as full:
         monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_: full)
         monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))

@@ -40,7 +40,7 @@ def test_a_stop_without_fixes_is_one_of_them():
     assert (speed[stop] == 0.0).all() and shaking.stands[stop].all()
 
 
-def test_a_filter_is_told_of_what_its_imu_does_not_explain():
+def test_vibration_beyond_the_noise_of_the_imu_reaches_the_filter():
     means, track, _ = a_drive(idle=IDLE, minutes=12.0)
     shaking = find_shaking(means, epochs(track), LATE_NS)
     walks = {"velocity_random_walk": 1e-3, "angle_random_walk": 1e-4}

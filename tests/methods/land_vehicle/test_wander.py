@@ -46,7 +46,7 @@ def fixes_at_rest(seed, factor, seconds=300.0, rest=(20.0, 280.0), stated=np.nan
     return rests, gnss
 
 
-def test_a_receiver_that_tells_its_error_is_believed():
+def test_a_stated_sigma_that_is_right_is_kept():
     wanders = [find_wander(*_asked(seed, (1.0, 1.0, 1.0))) for seed in range(60)]
     # Three sigmas of one parameter, of two factors a log
     assert sum(not w.ordinary for w in wanders) <= 2

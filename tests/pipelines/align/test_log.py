@@ -80,7 +80,7 @@ def test_wherever_and_however(options, groups):
     assert result.result.chi2 < 1e-3
 
 
-def test_what_is_not_told_shows():
+def test_a_latency_and_lever_arm_that_were_not_given_show():
     late = aligned(launched(*PERFECT, "--gnss-latency", "0.1"), in_flight={"refine": "none"})
     assert total(late) > 0.1
     # the refinement finds it, with the attitude

@@ -186,7 +186,7 @@ def test_two_seconds_and_less(tmp_path):
         ("euroc/euroc_V1_01_easy.mcap", {"optimal-4"}, 0.031),
     ],
 )
-def test_real_logs_are_not_told_more_than_they_hold(path, apart, resolution):
+def test_resolution_of_real_logs_is_not_overstated(path, apart, resolution):
     result = compare_log(real(path), config(NATIVE))
     c = result.comparison
     assert c.reference_resolution * IN_DEG_H == pytest.approx(resolution, rel=0.1)

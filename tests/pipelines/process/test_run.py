@@ -639,7 +639,7 @@ def test_runs_do_not_depend_on_blocks(name, kind, sizes, gaps, earth, still_s, r
 # -- refusals and what is lost ---------------------------------------------------------------
 
 
-def test_what_is_lost_is_told(tmp_path):
+def test_lost_samples_are_reported(tmp_path):
     gyro, accel = resting(1000)
     gyro[500] = np.nan
     messages = imu_messages(even_times(1000), gyro, accel)

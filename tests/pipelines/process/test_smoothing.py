@@ -145,7 +145,7 @@ def test_after_a_gap_tilt_is_found_again_and_heading_is_not(tmp_path):
     assert any("heading is held constant across gaps" in text for text in summary["warnings"])
 
 
-def test_a_gyro_at_its_stop_is_not_believed(tmp_path):
+def test_a_saturated_gyro_widens_sigmas(tmp_path):
     log = hand(60.0, seed=1)
     log.gyro = np.clip(log.gyro, -1.6, 1.6)
     summary, off, covariance = smoothed(tmp_path, log)

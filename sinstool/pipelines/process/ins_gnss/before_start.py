@@ -37,7 +37,7 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
-# Further back nothing useful is left of position.
+# Further back the position is of no use any more.
 MAX_NS = 300 * SECOND
 
 
@@ -51,7 +51,7 @@ def corrected_start(
     error : ndarray, shape (n,)
         Of the filter's states at the start.
     covariance : ndarray, shape (n, n)
-        Of what is left.
+        Of the corrected states.
     """
     nav = corrected_navigation(start.nav[np.newaxis], error[np.newaxis])[0]
     p, v, a = (slice(first, first + 3) for first in (POSITION, VELOCITY, ATTITUDE))
@@ -89,9 +89,9 @@ def before_start(
     Parameters
     ----------
     start : Start
-        That of the filter, or what a smoother makes of it.
+        That of the filter, or as corrected by a smoother.
     rests : bool
-        The vehicle stands all the time before the start: it is held where it is then.
+        The vehicle stands all the time before the start: its position there is kept.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def before_start(
     made: list[Increments] = []
     samples: list[Imu] = []
     for increments, imu, opening in steps.from_time(first, prepared.time_ns):
-        if opening is not None:  # a segment begins: what was before the gap cannot be reached
+        if opening is not None:  # a segment begins here: nothing before the gap can be reached
             made, samples = [], [opening]
         before = increments.time_ns <= prepared.time_ns
         made.append(take_rows(increments, before))
@@ -161,7 +161,7 @@ def before_start(
 
 
 def before_start_text(without_s: float, before_s: float) -> str:
-    """What there is of a solution before a filter's start, in words.
+    """What a solution contains of the time before a filter's start, in words.
 
     Parameters
     ----------

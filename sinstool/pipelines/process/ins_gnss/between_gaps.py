@@ -1,9 +1,9 @@
 """Starts of a filter before and after an Imu gap that is too long to bridge.
 
 How far a vehicle turned in such a gap is unknown, so the attitude is aligned from the data that
-follow, as at the start of a log. The estimated sensor errors are carried over. What precedes the
-gap before a log's best start is a log of its own in the same way; and latency and noise are found
-where there is most to find them by.
+follow, as at the start of a log. The estimated sensor errors are carried over. If a log's best
+start lies behind a gap, the part before the gap gets a start of its own in the same way. Latency
+and noise are estimated where the log shows most of them.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.grade import to_align_as
 from sinstool.survey.source import Source, part_of
 
-# A heading less certain than this after a gap, rad (1 sigma), is found anew.
+# Sigma of heading after a gap, rad, beyond which a start is searched for.
 LEAST_LOST = 0.5
-# Fixes so long before a gap's end are used for the start after it.
+# Fixes up to this long before a gap's end are used for the start after it.
 JUST_BEFORE_NS = 5 * SECOND
-# After a gap, so much of the log is searched for a start.
+# A start is searched for in this part of the log after a gap.
 SEARCHED_NS = 600 * SECOND
-# Latency and noise are shown by so much of a log, s; where less follows a start up to a gap, by a
-# stretch that is so many times as long.
+# A stretch of ENOUGH_S shows latency and noise; if less follows the best start up to a gap, a
+# stretch LONGER times as long is used.
 ENOUGH_S, LONGER = 400.0, 2.0
 
 
@@ -50,10 +50,12 @@ class Stretch:
     ----------
     source : Source
         The log, or its part from the gap on.
+    start : FilterStart
+        Of the filter.
     filter : InsGnssFilter
-        That runs over it.
+        The filter that runs over it.
     vehicle : VehicleAssumptions
-        What is held of the vehicle in it.
+        Constraints of the vehicle in it.
     gap : FilterEvent or None
         The gap before.
     """
@@ -66,7 +68,7 @@ class Stretch:
 
 
 def longest_carried(settings: Settings) -> float:
-    """Duration of a gap, s, from which on a start is looked for after it."""
+    """Duration of a gap, s, beyond which a start is searched for after it."""
     return LEAST_LOST / settings.gap_rate if settings.gap_rate > 0.0 else np.inf
 
 
@@ -83,10 +85,10 @@ def start_before_gaps(
     Returns
     -------
     FilterStart or None
-        The first that is found; None where there is no such gap, nothing before it shows an
-        attitude, or options say where to align.
+        The first that is found; None if there is no such gap, if nothing before it shows an
+        attitude, or if options say where to align.
     """
-    if _told_where(config):
+    if _place_configured(config):
         return None
     first_ns = source.survey.first_ns
     for last_ns, next_ns in _gaps(source, planned.settings):
@@ -100,26 +102,30 @@ def start_before_gaps(
 
 
 def start_in_longest(source: Source, config: ProcessConfig, best: FilterStart) -> FilterStart:
-    """A start where a log shows most of its receiver and its Imu: in the longest stretch of it.
+    """A start in the stretch of a log that shows most of its receiver and Imu: the longest one.
 
     Parameters
     ----------
     best : FilterStart
-        The best start, which stays where what follows it up to a gap is long enough, or no other is
-        found.
+        The best start. It stays if the stretch that follows it is long enough, or if no other start
+        is found.
     """
     gaps = _gaps(source, best.settings)
     begins = [source.survey.first_ns, *(next_ns for _, next_ns in gaps)]
     ends = [*(last_ns for last_ns, _ in gaps), source.survey.last_ns]
     own_s = (next(end for end in ends if end >= best.time_ns) - best.time_ns) / SECOND
     first_ns, last_ns = max(zip(begins, ends, strict=True), key=lambda span: span[1] - span[0])
-    if own_s > ENOUGH_S or last_ns - first_ns < LONGER * own_s * SECOND or _told_where(config):
+    if (
+        own_s > ENOUGH_S
+        or last_ns - first_ns < LONGER * own_s * SECOND
+        or _place_configured(config)
+    ):
         return best
     return _start_within(source, config, best, first_ns, last_ns) or best
 
 
-def _told_where(config: ProcessConfig) -> bool:
-    """Whether options say where to align, or need no motion for it."""
+def _place_configured(config: ProcessConfig) -> bool:
+    """Whether options say where to align, or choose a method that needs no motion."""
     options, method = config.in_flight, config.align.align
     times = (options.align_start, options.align_end, options.lift_off)
     return any(x is not None for x in times) or method not in (*IN_FLIGHT, "auto")
@@ -128,7 +134,7 @@ def _told_where(config: ProcessConfig) -> bool:
 def _start_within(
     source: Source, config: ProcessConfig, like: FilterStart, first_ns: int, last_ns: int
 ) -> FilterStart | None:
-    """A start like another in a part of a log; None where that shows no attitude."""
+    """A start with the settings of another, in a part of a log; None if that shows no attitude."""
     valid_ns = like.used.time_ns - round(like.settings.gnss_latency * SECOND)
     fixes = like.used.rows((valid_ns >= first_ns) & (valid_ns <= last_ns))
     try:
@@ -167,23 +173,23 @@ def start_after_gap(
     source : Source
         The whole log.
     before : Stretch
-        What ran up to the gap.
+        The stretch that ends with the gap.
     begin_ns : int
-        Time of the first sample after it.
+        Start of the first increment after it.
     gap_s : float
-        Its duration.
+        Its duration, s.
     planned : FilterStart
-        The log's best start, which is taken where it lies before the next such gap.
+        The log's best start, which is used if it lies before the next such gap.
 
     Returns
     -------
-    Source, FilterStart
-        What follows as a log of its own; its start. None where nothing there shows an attitude.
+    source, start : Source, FilterStart
+        The part of the log from there on, and its start. None if that shows no attitude.
     """
     first, run = before.start, before.filter
     trusted = run.summary.restarts == 0
     align = config.align.align
-    # Angles of the log's first instant say nothing here
+    # A configured attitude holds at the log's first instant only
     options: dict[str, Any] = {"align": align if align in IN_FLIGHT or align == "log" else "auto"}
     if trusted:
         bias = turn_body(run.summary.gyro_bias, config.input.body_axes)
@@ -201,10 +207,10 @@ def start_after_gap(
     try:
         part = part_of(source, config, begin_ns, begin_ns + SEARCHED_NS)
         if begin_ns <= planned.time_ns <= end_ns:
-            # With its own noise of fixes: what rests add to it is not added twice
+            # With its own noise of fixes: the slow errors by rests are not added twice
             first, start, time_ns, how = planned, planned.start, planned.time_ns, planned.how
         else:
-            # Fixes may return long after the Imu does; those just before show velocities at its end
+            # Fixes may return later than the Imu; those just before the gap's end show velocities
             after = first.gnss.rows((valid_ns >= begin_ns - JUST_BEFORE_NS) & ~first.withheld)
             found = find_start(
                 part, here, first.settings, StartFixes.of(after, first.settings.gnss)
@@ -275,7 +281,7 @@ def summed(stretches: list[Stretch]) -> FilterSummary:
 
 
 def vehicle_of(stretches: list[Stretch]) -> tuple[VehicleAssumptions, VehicleUsed]:
-    """The vehicle by the stretch in which it was constrained most, and what all made of it."""
+    """The vehicle by the stretch with most constraints, and its results over all stretches."""
     main = max(stretches, key=lambda s: (s.filter.summary.held, s.filter.summary.rests))
     summary = replace(summed(stretches), land_vehicle=main.filter.summary.land_vehicle)
     used = main.vehicle.used(summary)

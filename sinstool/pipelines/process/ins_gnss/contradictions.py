@@ -1,7 +1,7 @@
-"""What a log contradicts in the start of a filter: options, attitude, the clock of the fixes.
+"""Contradictions between a log and the start of a filter: options, attitude, clock of the fixes.
 
-Settings that are wrong may lead a filter astray with sigmas that say nothing of it. Each thing here
-is measured once the start is settled, and becomes a finding of the run.
+With wrong settings a filter may be far off, and its sigmas do not show it. Each contradiction is
+measured once the start is final, and becomes a finding of the run.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import velocity_noise_bound
-from sinstool.methods.ins_gnss.receiver_offsets import MAX_SIGMA_S
+from sinstool.methods.ins_gnss.latency import MAX_SIGMA_S
 from sinstool.pipelines.process.ins_gnss.filter_settings import imu_stated
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_start import first_start
@@ -31,19 +31,20 @@ from sinstool.survey.source import Source
 
 # Drift without fixes over its sigma: beyond this, options make the Imu better than it is.
 MOST_DRIFT = 2.0
-# An attitude is elsewhere with another latency or arm by more than so many sigmas, and this, rad.
-# Sigmas hold what a wrong arm turns a filter by, not what it turns its start by.
+# Least difference of attitude that is reported: in sigmas; with another latency, rad; with another
+# arm, rad. Sigmas include the turn of a filter by a wrong arm, but not that of its start.
 MOST_TURNED, LEAST_TURNED, LEAST_BY_ARM = 4.0, 2.0 * DEGREE, 5.0 * DEGREE
-# Of the time that attitudes of two filters are compared, they are no further apart, %.
+# The difference of two attitudes is this percentile over time.
 MOST_OF_IT = 90.0
-# Velocities are so many times as noisy beside the Imu as beside the receiver's own positions.
+# Noise of velocities compared with the Imu, over the bound by the receiver's own positions, beyond
+# which they do not fit.
 MOST_UNEXPLAINED = 1.3
 
 
 def compare_with_log(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
-    """A start with the measures that :func:`contradictions` judges it by."""
+    """A start with the measures that :func:`contradictions` compares with their limits."""
     if imu_stated(config):
         drift = Drift(source, config, algorithm, start.by_the_fixes)
         start = replace(start, drifts=drift.ratio)
@@ -57,9 +58,10 @@ def compare_with_log(
 def _turned(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> tuple[float, float]:
-    """How far a latency that was given or a lever arm, if the log contradicts it, turns attitude.
+    """Turn of the attitude, in sigmas and in rad, by a latency or arm that the log contradicts.
 
-    In sigmas and in rad. A start from fixes of a wrong time or place may be anywhere, whatever its
+    The difference to a filter that starts with the latency and arm of the log; 0 if the log
+    contradicts neither. A start from fixes with a wrong time or place may be far off, whatever its
     sigmas.
     """
     shown, given = start.offsets, start.latency_status == "given"
@@ -81,10 +83,10 @@ def _turned(
 def _unexplained(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> float:
-    """Noise of velocities beside the Imu over the most that the receiver's own positions allow.
+    """Noise of velocities compared with the Imu, over the bound by the receiver's own positions.
 
-    Where that is much, and neither a latency nor a lever arm explains it, the attitude does not fit
-    or the fixes are of another time.
+    If it is much more with any latency and lever arm, the attitude is wrong, or the fixes belong to
+    another time.
     """
     gnss = source.aiding.gnss
     most = np.nan if gnss is None else velocity_noise_bound(gnss)
@@ -97,10 +99,10 @@ def _unexplained(
 def _attitudes_apart(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, starts: Sequence[FilterStart]
 ) -> tuple[float, float]:
-    """How far apart the attitudes of filters from two starts are, in sigmas and in rad.
+    """Difference of the attitudes of filters from two starts, in sigmas and in rad.
 
-    By the axis, of NED, on which they differ most, over the first part of the log; for most of it
-    they are nearer.
+    About the axis of NED on which they differ most, over the first part of the log: the percentile
+    `MOST_OF_IT`.
     """
     runs = []
     for start in starts:
@@ -143,7 +145,7 @@ def contradictions(start: FilterStart, survey: Sequence[Finding]) -> list[Findin
 
 
 def drifts_too_far(ratio: float) -> list[Finding]:
-    """A drift without fixes that is far beyond what options say of the Imu.
+    """A drift without fixes that is far more than the options about the Imu allow.
 
     Parameters
     ----------
@@ -165,7 +167,7 @@ def drifts_too_far(ratio: float) -> list[Finding]:
 
 
 def turned_by_offsets(start: FilterStart) -> list[Finding]:
-    """An attitude that fixes at a wrong time or place, by an option, have led elsewhere."""
+    """An attitude turned by a latency or lever arm that the log contradicts."""
     sigmas, angle = start.turned
     shown, settings = start.offsets, start.settings
     if shown is None or sigmas <= MOST_TURNED:
@@ -210,7 +212,7 @@ def unexplained_velocities(start: FilterStart) -> list[Finding]:
 
 
 def of_another_clock(survey: Sequence[Finding], start: FilterStart) -> list[Finding]:
-    """Fixes that another clock than the Imu's has stamped, where the motion does not say otherwise.
+    """Fixes stamped by another clock than the Imu's, unless the motion shows that they fit.
 
     Parameters
     ----------
@@ -220,7 +222,7 @@ def of_another_clock(survey: Sequence[Finding], start: FilterStart) -> list[Find
     Returns
     -------
     list of Finding
-        The survey's own, with what it means for the run.
+        The finding of the survey, with its consequence for the run.
     """
     clock = next((f for f in survey if f.kind == RECEIVER_CLOCK), None)
     shown = start.offsets

@@ -1,7 +1,7 @@
-"""Fixes that are off by far more than their receiver says, for a while: found, and told.
+"""Stretches of fixes that are off by far more than their receiver states: found and reported.
 
-They are not left out, as nothing is known of how long they stay as far off as they were when they
-jumped: they get the sigma that the jump shows, as if the receiver had stated it.
+They are not left out, as their error may change after the jump that shows it: they get the size of
+the jump as sigma, as if the receiver had stated it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from sinstool.pipelines.process.ins_gnss.start import timed
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
-# What a filter that is to hold its own beside fixes which are off believes of them, m and m/s.
+# Noise of fixes, m and m/s, for a filter that hardly follows false ones.
 POSITION, VELOCITY = (1.0, 1.0, 1.6), (0.3, 0.3, 0.5)
 MOST_NAMED = 5
 KIND = "false-fixes"
@@ -40,26 +40,26 @@ KIND = "false-fixes"
 def with_honest_fixes(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> tuple[Source, FilterStart, list[Finding]]:
-    """A log whose fixes have larger sigmas where they are off by more than the receiver says.
+    """A log whose fixes have larger sigmas where they are off by more than the receiver states.
 
     Parameters
     ----------
     first : FilterStart
-        Of :func:`~sinstool.pipelines.process.ins_gnss.first_start.first_start`.
+        By :func:`~sinstool.pipelines.process.ins_gnss.first_start.first_start`.
 
     Returns
     -------
-    Source, FilterStart
-        The same where there are none.
-    list of Finding
-        Which they are.
+    source, first : Source, FilterStart
+        Unchanged if there are none.
+    findings : list of Finding
+        One for each stretch.
     """
     gnss = source.aiding.gnss
     if gnss is None or receiver_stated(config) or not _precise(gnss):
         return source, first, []
     if not _stretches(source, config, algorithm, first):
         return source, first, []
-    # An antenna elsewhere, or fixes of another time, may look like jumps
+    # A wrong lever arm or latency may look like jumps
     begun = timed(source, config, algorithm, first).by_the_fixes
     stretches = _stretches(source, config, algorithm, begun)
     if not stretches:
@@ -67,7 +67,7 @@ def with_honest_fixes(
     sigma = gnss.sigma_position_n.copy()
     for begin_ns, end_ns, stretch in stretches:
         inside = gnss.has_position & (gnss.time_ns >= begin_ns) & (gnss.time_ns <= end_ns)
-        # All of them are off by the same, which counts as one error however long it lasts
+        # All of them have the same error, which counts once however long it lasts
         lasts = max((end_ns - begin_ns) / SECOND / WORSE_S, 1.0)
         sigma[inside] = np.maximum(sigma[inside], np.sqrt(lasts) * stretch.off_m)
     honest = replace(source.aiding, gnss=replace(gnss, sigma_position_n=sigma))
@@ -81,7 +81,7 @@ def with_honest_fixes(
 
 
 def _precise(gnss: GnssEpochs) -> bool:
-    """Whether the receiver says that its fixes are good to much less than a metre."""
+    """Whether the receiver states sigmas of much less than a metre."""
     sigma = gnss.sigma_position_n[np.isfinite(gnss.sigma_position_n).all(axis=1)]
     return bool(len(sigma)) and float(median(sigma[:, :2].max(axis=1))) < PRECISE_M
 
@@ -118,20 +118,20 @@ def _stretches(
     row, innovation = row[good], epochs.innovation[good, :3]
     left = np.square(epochs.measurement_sigma / epochs.innovation_sigma)[good, :3]
     stamps = message_times(used, start.lag)[row]
-    # As the receiver says, whatever a start makes of it
+    # As the receiver states it, without the changes made for a start
     stated = gnss.sigma_position_n[np.searchsorted(gnss.time_ns, stamps)]
     found = false_stretches(stamps, innovation, left, stated)
     return [(int(stamps[one.first]), int(stamps[one.last]), one) for one in found]
 
 
 def _repeated(gnss: GnssEpochs) -> np.ndarray:
-    """Positions that are those of the epoch before to the last digit: of a receiver that hangs."""
+    """Positions equal to those of the epoch before, to the last digit: of a receiver that hangs."""
     same = (np.diff(gnss.latitude) == 0.0) & (np.diff(gnss.longitude) == 0.0)
     return np.concatenate([[False], same])
 
 
 def _findings(stretches: Sequence[tuple[int, int, FalseStretch]], first_ns: int) -> list[Finding]:
-    """What a user should know of them."""
+    """A finding for each stretch, up to `MOST_NAMED`."""
     findings = []
     for begin_ns, end_ns, stretch in stretches[:MOST_NAMED]:
         seconds = [(time - first_ns) / SECOND for time in (begin_ns, end_ns)]
@@ -140,7 +140,7 @@ def _findings(stretches: Sequence[tuple[int, int, FalseStretch]], first_ns: int)
             Finding(
                 KIND,
                 f"fixes from {seconds[0]:.1f} to {seconds[1]:.1f} s are {stretch.off_m:.2g} m off"
-                f" from {others}, far more than the receiver states: that is taken for their sigma",
+                f" from {others}, far more than the receiver states: this is used as their sigma",
                 start_ns=begin_ns,
                 end_ns=end_ns,
                 numbers={"off_m": stretch.off_m},

@@ -17,19 +17,16 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate
-from sinstool.methods.ins_gnss.receiver_offsets import (
-    ARM_USUAL_M,
-    LATENCY_S,
-    ReceiverOffsets,
-)
+from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.receiver_priors import ARM_USUAL_M, LATENCY_S
 from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart
 from sinstool.pipelines.process.summary import FirstAttitude
 from sinstool.survey.grade import ImuGrade
 
-# A heading more certain than this is good, deg.
+# Status `ok` needs a sigma of heading below this, deg.
 GOOD_HEADING = 5.0
-# An arm whose mean square is less than so much of a fix's adds nothing to positions.
+# A lever arm whose variance is less than this share of that of a fix adds nothing to positions.
 MUCH_BETTER = 0.1
 
 
@@ -41,8 +38,10 @@ class WhiteNoise:
     ----------
     position, velocity : tuple of float
         Horizontal (of one axis) and vertical, m and m/s; NaN where too few fixes show it.
-    start, settings, usual
-        Of the filter's run that showed it, and which fixes took part, shape (n,).
+    start, settings : Start, Settings
+        Of the run of the filter that showed it.
+    usual : ndarray of bool, shape (n,)
+        Fixes that took part in it.
     """
 
     position: tuple[float, float]
@@ -52,23 +51,25 @@ class WhiteNoise:
     usual: BoolArray
 
     def is_of(self, start: Start, settings: Settings, usual: BoolArray) -> bool:
-        """Whether a run from such a start shows no other."""
+        """Whether a run from this start would show the same."""
         same = start is self.start and settings == self.settings
         return same and np.array_equal(usual, self.usual)
 
 
 @dataclass(frozen=True)
 class FilterStart:
-    """A filter's settings, start and measurements: all but the samples.
+    """A filter's settings, start and measurements: everything but the samples.
 
     Attributes
     ----------
+    settings, start : Settings, Start
+        Of the filter.
     time_ns : int
-        An Imu sample's: the first update of the filter begins there.
+        Of an Imu sample, at which the first update of the filter begins.
     how : str
-        Where the start comes from, in words.
+        Source of the start, in words.
     alignment : Alignment
-        The first attitude that it comes from.
+        Its first attitude.
     gnss : GnssEpochs
         Valid `settings.gnss_latency` before their stamps.
     withheld : ndarray of bool
@@ -76,41 +77,44 @@ class FilterStart:
     reference : HeightReference or None
         Barometer heights.
     offsets : ReceiverOffsets or None
-        Latency and arm as the log shows them; None before it was asked, or with too few fixes.
+        Estimate of latency and arm; None before it was made, or with too few fixes.
     latency_status : {'given', 'found', 'not settled', 'not observable'}
-        ``given`` by the user; ``not settled`` where what the log shows is not what is used.
-    arm_status : {'given', 'found', 'open'}
-        The lever arm: given by the user, as the log shows it, or 0 as neither says where it is.
+        ``given`` by the user; ``not settled`` if the estimate did not converge.
     lag : float
-        By which velocities are taken to be stamped later than positions, s.
+        By which velocities are stamped later than positions, s.
+    grade : ImuGrade
+        Of the Imu, with the reason.
+    gnss_why : str
+        Noise of the fixes and its source, in words.
     warnings : tuple of str
         About settings and measurements.
     white : WhiteNoise, optional
-        Of the fixes, as the log shows it from here or from the start before.
-    noisier : tuple of float, optional
-        How many times as noisy as the receiver says positions are, horizontally and vertically.
+        Of the fixes, by a run from this start or from the one before.
+    arm_status : {'given', 'found', 'open'}
+        The lever arm: given by the user, found in the log, or 0 as it is neither.
+    noisier, noisier_velocity : tuple of float, optional
+        Noise of positions and of velocities over what the receiver states, horizontal and vertical;
+        1 where it is not clearly more.
     velocity_noise : tuple of float, optional
-        White noise of velocities as the log shows it, horizontally and vertically, m/s; NaN where
-        it does not.
-    noisier_velocity : tuple of float, optional
-        The same of velocities.
+        White noise of velocities by the log, horizontal and vertical, m/s; NaN where it is not
+        known.
     slow_errors : tuple of float, optional
-        How many times as large as follows from what the receiver says the slow errors of positions
-        are, horizontally and vertically.
+        Slow errors of positions over those that follow from what the receiver states, horizontal
+        and vertical.
     drifts : float, optional
-        How many times as far as options that say how good the Imu is explain the navigation drifts
-        where fixes are left out; 1 where that shows no more.
+        Drift without fixes over its sigma, if options give the noise of the Imu; 1 where it is not
+        clearly more.
     turned : tuple of float, optional
-        How far the attitude is, in sigmas and in rad, from that with the latency and the lever arm
-        that the log shows where it contradicts those in use.
+        Distance of the attitude, in sigmas and in rad, from that with the latency and lever arm of
+        the log, if the log contradicts those in use.
     denied : float, optional
-        By how much -2 log likelihood is less with another first attitude than with that of options;
-        0 where none is clearly likelier.
-    clock : ClockRate, optional
-        Of the receiver, by which the stamps of `gnss` were put right.
+        By how much another first attitude than the configured one lowers -2 log likelihood; 0 if
+        none is clearly likelier.
     unexplained : float, optional
-        How many times as noisy as the positions of the same receiver allow its velocities are
-        beside the Imu, whatever the latency and the lever arm.
+        Noise of velocities compared with the Imu, over the most that the positions of the same
+        receiver allow, with the latency and lever arm of the log.
+    clock : ClockRate, optional
+        Rate of the receiver's clock, by which the stamps of `gnss` were corrected.
     """
 
     settings: Settings
@@ -146,7 +150,7 @@ class FilterStart:
 
     @property
     def attitude_warnings(self) -> tuple[str, ...]:
-        """About how the attitude was found."""
+        """Warnings about the first attitude."""
         return self.alignment.warnings
 
     def at(self, found: FoundStart) -> FilterStart:
@@ -161,7 +165,10 @@ class FilterStart:
 
     @property
     def by_the_fixes(self) -> FilterStart:
-        """With estimated lever arm and latency, lest wrong options be blamed on the Imu."""
+        """With the estimated lever arm and latency where the log contradicts those in use.
+
+        For judging noise: errors of a wrong option would be attributed to the Imu or the fixes.
+        """
         shown, settings = self.offsets, self.settings
         if shown is None:
             return self
@@ -173,17 +180,24 @@ class FilterStart:
         return replace(self, settings=settings)
 
     def used_until(self, time_ns: int) -> GnssEpochs:
-        """Those that are valid up to a time, for runs that end there."""
+        """Epochs that are used and valid up to a time, for runs that end there."""
         late = round(self.settings.gnss_latency * SECOND)
         return self.used.rows(
             slice(0, int(np.searchsorted(self.used.time_ns, time_ns + late, "right")))
         )
 
     def with_slow_position(self, level: float, vertical: float, why: str) -> FilterStart:
-        """The same start with slow errors of positions that are so many times as large.
+        """The same start with larger slow errors of positions.
 
-        Those of single fixes, and of the start, which is one, grow with them: a filter leaves to
-        the white part of a fix's noise what is left beside the slow one.
+        The sigmas of single fixes, and of the start, which is a fix, grow with them: a filter takes
+        the part of a fix's sigma beyond the slow one for white.
+
+        Parameters
+        ----------
+        level, vertical : float
+            Factors on the slow errors.
+        why : str
+            The reason, for `gnss_why`.
         """
         before = self.settings.gnss
         model = before.with_slow_position(level, vertical)
@@ -206,9 +220,9 @@ class FilterStart:
     def offsets_error(self) -> FloatArray:
         """Second moments of the errors of the latency and lever arm used, of s and m, (4, 4).
 
-        What nobody gave and the log does not show is as uncertain as latencies and arms are. An arm
-        matters where fixes are better than it is known. Where it is known much better than they
-        are, it moves no position, but velocities wherever the vehicle turns quickly.
+        Those neither given nor found have the sigmas of their priors. An arm counts if it is less
+        certain than fixes, whose positions then depend on it, or much more certain: then it changes
+        no position, but velocities where the vehicle turns quickly.
         """
         configured = self.latency_status == "given"
         arm = 0.0 if self.arm_status == "given" else ARM_USUAL_M**2
@@ -225,7 +239,7 @@ class FilterStart:
 
     @property
     def fix_sigma_m(self) -> float:
-        """Of one horizontal axis of a fix, with the slow part of its errors."""
+        """Sigma of one horizontal axis of a fix, m, white and slow parts together."""
         noise = self.settings.gnss
         return float(np.hypot(noise.position_white[0], noise.position_markov[0]))
 

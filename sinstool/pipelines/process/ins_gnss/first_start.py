@@ -1,4 +1,4 @@
-"""The first start of an INS/GNSS filter: before a run of it shows latency, noise and drift."""
+"""The first start of an INS/GNSS filter, before runs of it show latency, noise and drift."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from sinstool.pipelines.process.ins_gnss.timing import significant_lag
 from sinstool.survey.grade import ImuGrade, sensor_grade, to_align_as
 from sinstool.survey.source import Source
 
-# Latencies with which a start is tried one after the other, s.
+# Latencies, s, tried in this order until one gives a start.
 FIRST_LATENCIES = (0.0, 0.15, -0.15)
 
 
@@ -43,15 +43,14 @@ def first_start(
     Parameters
     ----------
     grade : ImuGrade, optional
-        Instead of the one that the log shows at rest.
+        In place of the one that the log shows at rest.
     lag : float, optional
-        By which velocities are taken to be stamped later than positions, s, where that has been
-        found out already.
+        By which velocities are stamped later than positions, s, if it was estimated already.
 
     Raises
     ------
     ConfigurationError
-        Another rate than the stamps' is to be believed.
+        With ``--imu-rate``, which ignores the stamps.
     TopicError, AlignmentError
         The log has no GNSS, or it shows no start.
     """
@@ -85,12 +84,22 @@ def first_start(
 
 @dataclass(frozen=True)
 class _Aiding:
-    """What a filter gets beside the Imu, whatever that is taken for.
+    """Measurements of a filter beside the Imu, which do not depend on its grade.
 
     Attributes
     ----------
+    model, gnss_why : GnssModel, str
+        Noise of the fixes, and its source in words.
+    lag : float
+        By which velocities are stamped later than positions, s.
+    epochs, withheld : GnssEpochs, ndarray of bool
+        All epochs, and which are scored, not used.
     fixes : StartFixes
-        Of those that are not withheld.
+        Those that are not withheld.
+    reference : HeightReference or None
+        Barometer heights.
+    remarks : list of str
+        Warnings about barometer and fixes.
     """
 
     model: GnssModel
@@ -106,7 +115,7 @@ class _Aiding:
     def of(
         cls, source: Source, config: ProcessConfig, gnss: GnssEpochs, lag: float | None
     ) -> _Aiding:
-        """Of a log; with a lag that was found out already, if it was."""
+        """Of a log; `lag` is estimated if it is None and not configured."""
         model, gnss_why = gnss_model(gnss, config)
         if lag is None:
             lag = config.filter.gnss_velocity_lag
@@ -127,7 +136,7 @@ def _start_as(
     config: ProcessConfig,
     aiding: _Aiding,
 ) -> FilterStart:
-    """A first start with an Imu of a grade, which `aligned_by` has where rests show another."""
+    """A first start with a grade of the Imu; `aligned_by` is the configuration for alignment."""
     settings = filter_settings(source, config, grade, aiding.model, aiding.reference)
     latency, found = _first_latency(source, aligned_by, settings, aiding.fixes)
     best = FilterStart(
@@ -146,36 +155,34 @@ def _start_as(
         aiding.gnss_why,
         (*too_good(source, config, settings), *aiding.remarks),
     )
-    # Many a log shows no start, and needs nothing of the filter then
+    # Imported here, as many logs show no start and then need no filter
     from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 
     return start_in_longest(source, config, best)
 
 
 def _leapt(gnss: GnssEpochs) -> list[str]:
-    """Warning of fixes that come first after an outage, and are bad."""
+    """Warning about bad first fixes after an outage."""
     off = leaps(gnss)
     bad = int(np.count_nonzero(off))
     if not bad:
         return []
-    fixes, where = ("the first fix", "lies") if bad == 1 else (f"{bad} first fixes", "lie up to")
+    fixes, lie = ("the first fix", "lies") if bad == 1 else (f"{bad} first fixes", "lie up to")
     return [
-        f"{fixes} after an outage {where} {off.max():.0f} m from where those behind come from:"
-        " that is taken for the sigma"
+        f"{fixes} after an outage {lie} {off.max():.0f} m off the line through the next ones:"
+        " this distance is used as the sigma"
     ]
 
 
 def regraded(
     source: Source, config: ProcessConfig, first: FilterStart, grade: ImuGrade
 ) -> FilterStart:
-    """A first start with an Imu of another grade that is aligned as the one before.
+    """A first start with another grade of the Imu, but the first attitude of the one before.
 
     Parameters
     ----------
     first : FilterStart
-        Of :func:`first_start`.
-    grade : ImuGrade
-        Aligned as that of `first`: the first attitude is the same.
+        By :func:`first_start`, with that attitude.
     """
     settings = filter_settings(source, config, grade, first.settings.gnss, first.reference)
     settings = replace(settings, gnss_latency=first.settings.gnss_latency)
@@ -187,7 +194,7 @@ def regraded(
 def as_graded(
     source: Source, config: ProcessConfig, start: FilterStart, grade: ImuGrade
 ) -> FilterStart:
-    """A start with the Imu of another grade, all else as it is."""
+    """A start with another grade of the Imu, everything else unchanged."""
     settings = filter_settings(source, config, grade, start.settings.gnss, start.reference)
     settings = replace(start.settings, imu=settings.imu, control=settings.control)
     return replace(start, settings=replace(settings, grade=grade.grade), grade=grade)
@@ -196,10 +203,10 @@ def as_graded(
 def _first_latency(
     source: Source, config: ProcessConfig, settings: Settings, fixes: StartFixes
 ) -> tuple[float, FoundStart]:
-    """The configured latency, else zero, else the first usual latency with which a start succeeds.
+    """The configured latency, or the first of `FIRST_LATENCIES` with a start; and that start.
 
-    In rough air no attitude fits velocities that are a fifth of a second off. One that fits, but is
-    not known well enough, is not known better at another time.
+    In rough air no attitude fits velocities that are late by a fifth of a second. An attitude that
+    fits but is too uncertain would be as uncertain with another latency.
     """
     by_option = config.gnss.gnss_latency
     refused: AlignmentError | None = None
@@ -210,16 +217,16 @@ def _first_latency(
         except AlignmentError as exc:
             refused = refused or exc
             if exc.uncertain and exc.consistent:
-                break  # which another latency makes no better
+                break  # another latency makes it no more certain
     assert refused is not None
     try:
         raise refused
     finally:
-        del refused  # which holds this frame, with all that was tried, and would be held by it
+        del refused  # it refers to this frame, which refers to it
 
 
 def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:
-    """Messages that the user withholds from the filter, to score it."""
+    """Messages within ``--withhold-gnss``."""
     seconds = (time_ns - first_ns) / SECOND
     mask = np.zeros(len(time_ns), np.bool_)
     for text in config.filter.withhold_gnss:

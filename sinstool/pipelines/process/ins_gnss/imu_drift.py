@@ -1,10 +1,11 @@
 """Noise of an Imu, estimated from the drift of its navigation where fixes are left out.
 
-From one fix to the next even a poor Imu errs by less than the fixes do. Within the first seconds
-without fixes mostly the accelerometers' noise shows, later that of the gyros, which tilts the
-navigation: errors at several ages tell the two apart. Scale factors of accelerometers that wander
-show in the vertical, where gravity always acts. All are sought by the likelihood of these errors
-(Schweppe 1965), each error by itself, as those of a window belong together.
+From one fix to the next even a poor Imu drifts by less than the errors of the fixes. In the first
+seconds without fixes mostly the noise of the accelerometers shows, later that of the gyros, which
+tilts the navigation: errors after several times separate the two. Accelerometer scale factors that
+wander show in the vertical, where gravity always acts. All are estimated by the likelihood of these
+errors (Schweppe 1965), as a composite likelihood of single errors (Varin 2011): those of one window
+are correlated.
 
 References
 ----------
@@ -48,27 +49,28 @@ from sinstool.survey.increments import first_increments
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
-# So much of a log shows it.
+# The first part of a log, which is used.
 SHOWN_NS = 660 * SECOND
-# Fixes are left out for so long, s, and used as long, from when the filter has settled, s, on.
+# Fixes are left out and used in turn, for LEFT_OUT_S each, after the filter has settled, s.
 LEFT_OUT_S, SETTLED_S = 20.0, 60.0
 LONGEST_STEP_S = 1.5
-# Where errors of a window are looked at, as shares of it.
+# Times in a window at which errors are compared with their sigmas, as shares of its length.
 LOOKS = (0.1, 0.35, 1.0)
 LEAST_WINDOWS = 4
-# A window in which the fixes show less of a way, m and sigmas, shows the Imu at rest.
+# A window counts if the vehicle moves by more than LEAST_WAY, m, plus so many sigmas of the fixes:
+# otherwise it shows the Imu at rest.
 LEAST_WAY, LEAST_WAY_SIGMAS = 10.0, 6.0
-# One in each of whose parts they do shows no rest at all; so many of these are enough.
+# In a window without a stop the vehicle moves in each of so many parts; so many windows are enough.
 PARTS, LEAST_DRIVEN = 10, 6
-# The scatter of a sum of squares of unit normals.
+# Probability with which the mean square of good sigmas is larger by chance.
 CHANCE = 0.01
 # The median of the sum of two squares of unit normals, over its mean.
 MEDIAN_OF_MEAN = float(np.log(2.0))
-# Factors nearer to 1 than this are none.
+# Factors within this ratio of 1 count as 1.
 LEAST_CHANGE = 1.3
-# The least share of its grade's bias instability that a bare chip has.
+# The bias instability of a bare chip is at least this share of its grade's.
 WARMING = 0.5
-# Sensors that are noisier than so many times a grade are not of it.
+# Gyros noisier than this many times those of a grade are not of that grade.
 MOST_BETTER = 8.0
 
 T = TypeVar("T")
@@ -78,17 +80,17 @@ ANY: Bounds = (0.0, np.inf)
 
 @dataclass(frozen=True)
 class NoiseFactors:
-    """By how much gyros and accelerometers are noisier than a grade has them.
+    """Factors on the noise that a grade has.
 
     Attributes
     ----------
     gyro, accel : float
-        Of what of the biases wanders, and of white noise.
+        On white noise and bias instability.
     scale : float
-        Of what of the scale factors wanders.
+        On the share of the scale factors that wanders.
     white : tuple of tuple of float
-        Least and largest factor of the white noise of gyros and of that of accelerometers: as far
-        as a log shows it by itself, the drift has no say.
+        Least and largest factor on the white noise of gyros, and on that of accelerometers, as the
+        log shows it at rest and in motion.
     """
 
     gyro: float
@@ -102,12 +104,12 @@ class NoiseFactors:
         return self.gyro == self.accel == self.scale == 1.0
 
     def of(self, settings: Settings, virtual_noise: bool) -> Settings:
-        """Settings with the noise that is meant.
+        """Settings with this noise.
 
         Parameters
         ----------
         virtual_noise : bool
-            Whether fictitious noise, if there is any, remains.
+            Whether fictitious process noise, if there is any, remains.
         """
         imu, control = settings.imu, settings.control
         gyro, accel = (
@@ -138,18 +140,18 @@ class NoiseFactors:
 
 @dataclass(frozen=True)
 class _Windows:
-    """Errors where fixes are left out, with all fixes of both runs.
+    """Errors of two runs in the windows without fixes.
 
     Attributes
     ----------
     error, sigma : ndarray, shape (w, looks, 3)
         North, east, down, m.
     moved : ndarray of bool, shape (w,)
-        Whether the vehicle went anywhere.
+        Whether the window counts, see `LEAST_WAY`.
     restarts : int
-        How often the filter began anew.
+        Of the filter.
     times_ns : tuple of ndarray of int64, shape (w, looks)
-        Of each run.
+        Times of the errors, for each run.
     """
 
     error: FloatArray
@@ -162,9 +164,8 @@ class _Windows:
     def ratio(self) -> float:
         """Error over sigma at the windows' ends, RMS of north and east.
 
-        1 where it is not more than chance makes of 1, or too few windows show it. Where the filter
-        began anew, bad fixes may have been the cause: what counts then is the median, to which
-        these add little.
+        1 if it exceeds 1 by chance only, or if there are too few windows. After a restart, which
+        bad fixes may have caused, it follows from the median, which they hardly change.
         """
         ends = (self.error / self.sigma)[:, -1, :2]
         square = np.minimum(np.sum(ends**2, axis=1), MOST_SQUARE)
@@ -176,10 +177,10 @@ class _Windows:
 
     @property
     def looks(self) -> float:
-        """The number of looks of a window, less as far as their squares belong together.
+        """Effective number of independent errors in a window.
 
-        This makes up for treating them as independent: the variance of a mean of squares that are
-        correlated is that of so many (Varin 2011, section 2.3).
+        The mean of correlated squares has the variance of the mean of so many independent ones
+        (Varin 2011, section 2.3).
         """
         square = np.minimum((self.error / self.sigma)[self.moved] ** 2, MOST_SQUARE)
         columns = np.nan_to_num(square).transpose(0, 2, 1).reshape(-1, len(LOOKS))
@@ -200,7 +201,7 @@ def shown_increments(
     Parameters
     ----------
     below_s : float or None
-        They are joined as long as they stay shorter, s.
+        Increments are joined to ones shorter than this, s; None for none.
     """
     gap_ns = round(start.settings.max_gap * SECOND)
     return first_increments(source, config, algorithm, start.time_ns, SHOWN_NS, gap_ns, below_s)
@@ -209,7 +210,7 @@ def shown_increments(
 def shaking(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> Shaking | None:
-    """What shakes the Imu where the vehicle stands: that is no noise of the Imu in motion."""
+    """Noise of an Imu that is shaken while the vehicle stands, which is not its noise in motion."""
     shown = shown_increments(source, config, algorithm, start, None)
     if shown is None:
         return None
@@ -219,18 +220,18 @@ def shaking(
     if key not in made:
         stage = MeansStage(start.time_ns)
         stage.push(shown)
-        # With the fixes, as others may be where those were
+        # The fixes are stored too: as long as they exist no others have their id
         made[key] = find_shaking(stage.finish(), start.used, late), fixes
     return cast("Shaking", made[key][0])
 
 
 class Drift:
-    """The drift of a navigation in the first part of a log.
+    """The drift of a navigation without fixes in the first part of a log.
 
     Parameters
     ----------
     start : FilterStart
-        What it withholds is not looked at.
+        Its withheld fixes are not used.
     """
 
     def __init__(
@@ -241,7 +242,7 @@ class Drift:
         self._measured = config.navigation.imu_noise is not None
         rest = _noise_at_rest(source, start)
         self._white = _white_noise(source, start, rest)
-        # By an engine or people, which is no noise of the Imu in motion
+        # Noise at rest may come from an engine or people, not from the Imu
         self._shaken = bool(np.any(rest > LEAST_CHANGE))
         self._guess = rest if np.all(rest > 0.0) and not self._shaken else None
         self._increments = shown_increments(source, config, algorithm, start)
@@ -249,22 +250,22 @@ class Drift:
 
     @property
     def ratio(self) -> float:
-        """By how much more the navigation drifts than the filter says that it does."""
+        """Drift over its sigma, see :class:`_Windows`."""
         windows = self._as_graded
         return 1.0 if windows is None else windows.ratio
 
     @property
     def tells(self) -> bool:
-        """Whether enough windows show the noise, and no restart of the filter spoils them."""
+        """Whether enough windows show the noise, without a restart of the filter."""
         windows = self._as_graded
         return windows is not None and not (windows.restarts or windows.moved.sum() < LEAST_WINDOWS)
 
     def factors(self) -> NoiseFactors:
         """Noise of gyros and accelerometers over that of the settings.
 
-        Where one is noisier than its grade the model is in doubt, and the other is not taken for
-        better than its own; nor is any by a log in which the vehicle hardly moves, or whose noise
-        was measured. Sensors that a rest shows to be quiet are no quieter in motion.
+        If one kind of sensor is noisier than its grade, the model is in doubt and the noise of the
+        other is not reduced. Nor is it if the vehicle hardly moves, or if the noise was measured.
+        The factor on accelerometers is at least that of their noise at rest.
         """
         if not self.tells:
             return NoiseFactors(self.ratio, self.ratio)
@@ -278,9 +279,10 @@ class Drift:
         return NoiseFactors(gyro, accel, scale, self._white)
 
     def used(self, factors: NoiseFactors) -> Settings:
-        """The settings with such noise, and without a fictitious one that has been measured.
+        """Settings with this noise, without fictitious process noise if both kinds are better.
 
-        The biases of a bare chip follow its temperature over minutes, which no window shows.
+        The biases of a bare chip follow its temperature over minutes, which no window shows: its
+        bias instability stays at least `WARMING` of the grade's.
         """
         better = self._estimated and max(factors.gyro, factors.accel) < 1.0
         settings = factors.of(self._start.settings, not better)
@@ -295,20 +297,20 @@ class Drift:
         return replace(settings, imu=warming)
 
     def gains(self, factors: NoiseFactors, others: Mapping[T, SensorGrade]) -> dict[T, float]:
-        """Twice the log of how much likelier the drift is with other sensors that are as noisy.
+        """Decrease of -2 log likelihood of the drift with other sensors of the same noise.
 
         Parameters
         ----------
         factors : NoiseFactors
-            With which those of the settings are as noisy as they seem to be.
+            Noise of the sensors over that of the settings.
         others : mapping to SensorGrade
-            The other sensors. Their scale factors, angles and correlation times count; their white
-            noise becomes that of `factors`, and the bias instability changes with it.
+            The other sensors, with their scale factors, angles and correlation times. Their white
+            noise is set to that of `factors`, and their bias instability is scaled with it.
 
         Returns
         -------
         dict
-            Minus infinity where gyros are too noisy to be those.
+            By the keys of `others`; minus infinity if the gyros are too noisy for these.
         """
         used, virtual = factors.of(self._start.settings, not self._estimated), not self._estimated
         gains = dict.fromkeys(others, -np.inf)
@@ -338,15 +340,15 @@ class Drift:
 
     @cached_property
     def _gnss(self) -> GnssEpochs:
-        """Fixes of the time that is looked at."""
+        """Fixes of the part of the log that is used."""
         assert self._increments is not None
         return self._start.used_until(int(self._increments.time_ns[-1]))
 
     @cached_property
     def _left_out(self) -> tuple[BoolArray, BoolArray]:
-        """Fixes that either run leaves out, by turns: with fixes and without, and the other way."""
+        """Fixes that each of the two runs leaves out: the second has the two kinds exchanged."""
         step = np.diff(self._gnss.time_ns, prepend=self._start.time_ns) / SECOND
-        # Time with fixes: an outage of the log itself is none of ours
+        # Time with fixes: outages of the log itself do not count
         used = np.cumsum(np.minimum(step, LONGEST_STEP_S))
         first, second = (
             (used > SETTLED_S) & ((used + phase) % (2.0 * LEFT_OUT_S) >= LEFT_OUT_S)
@@ -357,7 +359,7 @@ class Drift:
     def _run(
         self, settings: Settings, gnss: GnssEpochs, left_out: BoolArray, increments: Increments
     ) -> tuple[GnssDiagnostics, int]:
-        """Epochs with a position, used or compared, and how often the filter began anew."""
+        """Epochs with a position, used or compared, and the number of restarts."""
         settings = replace(settings, network=None)
         shaken = None if self._shaking is None else self._shaking.constraints(settings.imu)
         run = InsGnssFilter(
@@ -367,7 +369,7 @@ class Drift:
         return take_rows(epochs, np.isfinite(epochs.innovation[:, 1])), run.summary.restarts
 
     def _looked(self, settings: Settings) -> tuple[FloatArray, FloatArray]:
-        """Errors of all looks of the windows in motion, and their sigmas."""
+        """Errors at all times in `LOOKS` of the windows that count, and their sigmas."""
         windows, gnss, increments = self._as_graded, self._gnss, self._increments
         assert windows is not None and increments is not None
         late = round(settings.gnss_latency * SECOND)
@@ -377,7 +379,7 @@ class Drift:
             if not which.any():
                 continue
             times_ns = times_ns[which]
-            # What is left out and not looked at changes nothing, nor does what comes later
+            # Fixes that are neither used nor compared, and all later samples, are not needed
             last = int(times_ns.max())
             valid_ns = gnss.time_ns - late
             rows = (~left_out & (valid_ns <= last)) | np.isin(valid_ns, times_ns)
@@ -422,9 +424,9 @@ class Drift:
         )
 
     def _moved(self, epochs: GnssDiagnostics, begin: np.ndarray, end: np.ndarray) -> BoolArray:
-        """Windows in which the vehicle goes somewhere; those without a stop, where it shakes there.
+        """Windows in which the vehicle moves; only those without a stop, if it is shaken at rest.
 
-        What shakes a vehicle that stands, an engine or people, is none of the Imu's noise.
+        An engine or people that shake a vehicle at rest are not noise of the Imu.
         """
         times = epochs.time_ns[begin], epochs.time_ns[end]
         moved = self._goes(*times, LEAST_WAY)
@@ -436,7 +438,7 @@ class Drift:
         return drives if drives.sum() >= LEAST_DRIVEN else moved
 
     def _goes(self, begin_ns: np.ndarray, end_ns: np.ndarray, least_m: float) -> BoolArray:
-        """Whether fixes show more way from some times to others than their noise may make."""
+        """Whether the vehicle moves by `least_m` plus the noise of the fixes between two times."""
         gnss = self._start.used
         late = round(self._start.settings.gnss_latency * SECOND)
         placed = np.flatnonzero(gnss.has_position)
@@ -465,12 +467,12 @@ def _noise_at_rest(source: Source, start: FilterStart) -> FloatArray:
 
 
 def _white_noise(source: Source, start: FilterStart, rest: FloatArray) -> tuple[Bounds, Bounds]:
-    """What a log shows of the white noise of gyros and accelerometers over that of the settings.
+    """Bounds of the white noise of gyros and accelerometers, over that of the settings.
 
-    Sensors are no quieter than at rest, which does not hold for a grade that was judged by its
-    drift, as an idling engine looks like poor sensors; and no noisier than in motion. White noise
-    of accelerometers stands in for their cross-axis errors where a filter has no states for these,
-    and that of a MEMS grade for more.
+    Sensors are at least as noisy as at rest (unless the grade was judged by drift: then the noise
+    at rest is that of the vehicle), and at most as noisy as in motion. The white noise of
+    accelerometers is not bounded above if the filter has no states for misaligned axes, whose
+    errors it stands in for; that of low-cost grades, which stands in for more, not at all.
 
     Parameters
     ----------
@@ -490,7 +492,7 @@ def _white_noise(source: Source, start: FilterStart, rest: FloatArray) -> tuple[
 
 
 def _spans(mask: BoolArray) -> tuple[np.ndarray, np.ndarray]:
-    """First and last of each run of marked rows that ends."""
+    """First and last row of each run of marked rows; one at the end of `mask` is left out."""
     edge = np.diff(mask.astype(np.int8), prepend=0)
     begin, end = np.flatnonzero(edge > 0), np.flatnonzero(edge < 0) - 1
     return begin[: len(end)], end

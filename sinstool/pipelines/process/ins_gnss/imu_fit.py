@@ -1,7 +1,7 @@
 """Whether the Imu is as good as its grade, judged by innovations.
 
-From fix to fix even a poor Imu errs by less than the fixes do; what it is worth in an outage shows
-only where fixes are left out: see :mod:`~sinstool.pipelines.process.ins_gnss.imu_drift`.
+From fix to fix even a poor Imu drifts by less than the errors of the fixes; its drift in an outage
+shows only where fixes are left out: see :mod:`~sinstool.pipelines.process.ins_gnss.imu_drift`.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import shaking
 from sinstool.survey.increments import first_increments
 from sinstool.survey.source import Source
 
-# So much of a log shows it.
+# The first part of a log, which is used.
 SHOWN_NS = 300 * SECOND
 LEAST_EPOCHS = 40
-# Squares beyond this are those of bad fixes, and count as this.
+# Normalised squares are limited to this: larger ones are bad fixes.
 GATE = upper_point(6, 1e-4)
-# Innovations squared over what was expected: beyond this a grade is doubted.
+# Squared innovations over their expectation beyond which a grade is doubted.
 DOUBTED = 1.5
-# By how much the likelihood of all epochs must rise for a worse grade, natural units.
+# By how much another model must lower -2 log likelihood, over all epochs, to be clearly likelier.
 LEAST_GAIN = 10.0
 
 
@@ -41,9 +41,9 @@ class Fit:
     Attributes
     ----------
     square : float
-        Their squares over what was expected.
+        Their squares over their expectation.
     cost : float
-        -2 log likelihood, of an epoch.
+        -2 log likelihood per epoch.
     epochs : int
     """
 
@@ -66,8 +66,8 @@ def fit(
 ) -> Fit | None:
     """Fit of a filter's settings in a log's first minutes; None where too few fixes show it.
 
-    Fixes that a filter rejects count as well, up to `GATE`: settings that reject good ones are no
-    likelier for it, and bad ones spoil no run.
+    Fixes that a filter rejects count as well, up to `GATE`: settings that reject good ones do not
+    become likelier by it, and bad ones do not dominate.
     """
     control = replace(start.settings.control, adaptive="off")
     shaken = shaking(source, config, algorithm, start)
@@ -92,6 +92,6 @@ def fit(
 
 
 def unlikely(epochs: GnssDiagnostics) -> FloatArray:
-    """-2 log likelihood of the innovations of each epoch, less what is the same for all models."""
+    """-2 log likelihood of the innovations of each epoch, less terms common to all models."""
     spread = 2.0 * np.nansum(np.log(epochs.innovation_sigma), axis=1)
     return np.asarray(np.minimum(epochs.nis, GATE) + spread)

@@ -31,9 +31,9 @@ class StartFixes:
     Attributes
     ----------
     gnss : GnssEpochs
-        All of them, with velocities made from positions where the receiver gives none.
+        All fixes, with velocities derived from positions if the receiver gives none.
     shown : GnssEpochs
-        Those that an alignment in motion may use.
+        Fixes that an alignment in motion may use.
     """
 
     gnss: GnssEpochs
@@ -41,13 +41,13 @@ class StartFixes:
 
     @classmethod
     def of(cls, gnss: GnssEpochs, model: GnssModel) -> StartFixes:
-        """Of the fixes that the filter may use, with such noise."""
+        """From the fixes that the filter may use, and their noise."""
         if gnss.has_velocity.any():
             return cls(gnss, gnss)
         white = float(max(model.position_white[:2]))
         shown = with_velocities(gnss, white, model.position_wander)
         gnss = with_velocities(gnss, white)
-        # Where speed changes quickly these are rough, and that is no fault of the receiver
+        # Where speed changes quickly these velocities are rough, although the fixes are good
         sigma = np.sqrt(np.mean(np.square(shown.sigma_velocity_n), axis=1))
         return cls(gnss, shown.rows(~rough_fixes(shown.time_ns, sigma)))
 
@@ -59,9 +59,9 @@ class FoundStart:
     Attributes
     ----------
     time_ns : int
-        A sample's.
+        Of a sample.
     how : str
-        Where the attitude comes from, in words.
+        Source of the attitude, in words.
     """
 
     start: Start
@@ -123,21 +123,21 @@ def find_start(
 def _aligned(
     source: Source, config: ProcessConfig, settings: Settings, fixes: StartFixes
 ) -> Alignment:
-    """First attitude with heading, whatever the Imu is taken for beyond its grade."""
+    """First attitude with heading."""
     options: dict[str, Any] = {
         "gnss": config.gnss.model_copy(
             update={"gnss_latency": settings.gnss_latency, "lever_arm": settings.lever_arm_b}
         )
     }
     if config.align.align == "auto" and config.in_flight.gate == "auto":
-        # The sooner the better: a filter cannot wait until a launched vehicle flies calmly.
+        # The filter starts as early as possible, not when a launched vehicle flies calmly
         options["in_flight"] = config.in_flight.model_copy(update={"gate": "off"})
     config = config.model_copy(update=options)
     gnss, shown = fixes.gnss, fixes.shown
     method: str = "svd" if config.align.align == "auto" else config.align.align
     if method in IN_FLIGHT:
         late = round(settings.gnss_latency * SECOND)
-        # A start at a fix that is off is off by as much, and by a velocity of as much
+        # Only fixes with good velocities: those of the start are the velocities of a fix
         valid = shown.time_ns[shown.has_position] - late
         first = _sample(source, config, int(valid[0]) if len(valid) else 0)
         whole = shown.time_ns[shown.has_position & shown.has_velocity] - late
@@ -168,7 +168,7 @@ def _sample(source: Source, config: ProcessConfig, time_ns: int) -> Imu:
 
 
 def _followed(source: Source, config: ProcessConfig, time_ns: int) -> np.ndarray:
-    """Mean rate of the samples about one, shape (3,), rad/s: as a receiver follows its antenna."""
+    """Mean rate of the samples about one, shape (3,), rad/s, in the bandwidth of a receiver."""
     reach = round(FOLLOWED_S * SECOND)
     rates = []
     for block in rate_blocks(source, config, max(source.survey.first_ns, time_ns - reach)):

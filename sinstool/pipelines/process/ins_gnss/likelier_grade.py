@@ -1,8 +1,8 @@
 """Another grade of an Imu than its noise shows, by innovations and by drift.
 
-White noise says little of scale factors, of misaligned axes and of biases. As a vehicle turns and
-speeds up these show in the innovations of a filter that knows of them; what the sensors are worth
-without fixes shows in their drift. All grades are compared with the same noise, that of the drift.
+White noise says little of scale factors, misalignments and biases. As a vehicle turns and
+accelerates these show in the innovations of a filter that models them; the errors of the sensors
+without fixes show in their drift. All grades are compared with the same noise, that of the drift.
 """
 
 from __future__ import annotations
@@ -38,18 +38,19 @@ from sinstool.survey.grade import ImuGrade
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
-# A better grade is tried where gyros are so many times as noisy as theirs, and taken where it is
-# likelier by this: twice the log, e^5 to 1.
+# A better grade is tried where the gyros' noise is below this share of the grade's, and taken where
+# -2 log likelihood is smaller by LEAST_GAIN: odds of e^5 to 1.
 QUIETER, LEAST_GAIN = 0.7, 10.0
-# As how far from calibrated low-cost Imus are tried; one that is, may be as good as an industrial.
+# The shares of calibration error that are tried for low-cost Imus: 0 is a calibrated module, which
+# may be as good as an industrial one, and 1 a bare chip.
 SHARES = (0.0, 0.5, 1.0)
-# By so many natural units another share must be likelier for odds of e to 1: what innovations do
-# not have in common with a model moves their likelihood by tens of units.
+# Another share is likelier with odds of e to 1 if its log likelihood is larger by this: what
+# innovations do not have in common with a model changes their likelihood by tens of nat.
 DOUBT = 2.0
-# Odds that a small bias at rest speaks for a calibration with, at most: e to 1. Drivers take biases
-# off that nobody has calibrated.
+# Least log odds by which a small bias at rest speaks for a calibration: drivers remove biases of
+# Imus that nobody has calibrated.
 LEAST_LOG_ODDS = -1.0
-# A share that is as good as all or nothing.
+# A share this close to 0 or 1 counts as that.
 NEARLY = 0.1
 
 
@@ -85,7 +86,7 @@ class GradeFits:
         return self._fit(grade, self.sensors(grade))
 
     def uncalibrated_by(self, share: float) -> Fit | None:
-        """The same of low-cost sensors between a calibrated Imu, 0, and a bare chip, 1."""
+        """Fit of low-cost sensors between a calibrated Imu, 0, and a bare chip, 1."""
         if share in (0.0, 1.0):
             return self.of("consumer" if share else "mems")
         bare, calibrated = (self.sensors(grade) for grade in LOW_COST)
@@ -95,7 +96,7 @@ class GradeFits:
         if key not in self._made:
             shown = self.start.by_the_fixes
             used = self.factors.of(shown.settings, virtual_noise=False)
-            # With a state for each error: without, large ones are noise, and ever less likely
+            # With a state for each error: without them large errors are noise, and ever less likely
             imu = as_noisy_as(sensors, used.imu)
             used = replace(used, imu=imu, filter="network-29a")
             noisy = replace(shown, settings=used)
@@ -106,15 +107,15 @@ class GradeFits:
 def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
     """How well a low-cost Imu is calibrated, by its innovations and its bias at rest.
 
-    The noise of calibrated Imus and of bare chips is the same, but scale factors and angles of
-    these are ten to fifty times as large. A level vehicle does not show them all, and those that it
-    shows may be small by chance. So what is assumed of all is the mean of their squares by how
-    likely each share is.
+    The noise of calibrated Imus and of bare chips is the same, but scale factors and misalignments
+    of bare chips are ten to fifty times as large. A level vehicle does not show them all, and those
+    that it shows may be small by chance. So the same size is assumed of all: the mean square over
+    the shares, weighted by their likelihood.
 
     Returns
     -------
     ImuGrade or None
-        None where the Imu is a better one, its noise was measured, or too few fixes show it.
+        None where the Imu is a better one, the user gave its noise, or there are too few fixes.
     """
     if fits.start.grade.grade not in LOW_COST or fits.config.navigation.imu_noise is not None:
         return None
@@ -138,14 +139,14 @@ def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
 
 
 def uncalibrated_share(cost: FloatArray, log_odds: float) -> float:
-    """The share whose squared angles are the mean of those of `SHARES`.
+    """The share whose squared misalignment is the weighted mean of those of `SHARES`.
 
     Parameters
     ----------
     cost : ndarray, shape (3,)
         -2 log likelihood of each of them.
     log_odds : float
-        Log of the odds, by all else that is known, that the Imu is a bare chip.
+        Log of the odds, by all other evidence, that the Imu is a bare chip.
     """
     shares = np.array(SHARES)
     log_weight = 0.5 * (cost.min() - cost) / DOUBT + log_odds * shares
@@ -157,14 +158,14 @@ def uncalibrated_share(cost: FloatArray, log_odds: float) -> float:
 def better_grade(fits: GradeFits, drift: Drift) -> Grade | None:
     """A better grade that explains a drift clearly better than quieter sensors of this one do.
 
-    An idling engine makes good sensors look poor at rest, and without a rest they are taken for
-    poor. Quiet sensors of a poor grade have its scale factors, angles and biases all the same.
-    Innovations that are clearly less likely refute a grade.
+    An idling engine makes good sensors look poor at rest, and without a rest they are assumed to be
+    poor. The assumption of quiet sensors of a poor grade keeps its scale factors, misalignments and
+    biases. A grade is excluded if the innovations are clearly less likely with it.
 
     Parameters
     ----------
     fits : GradeFits
-        Of a start whose grade, if it is of low cost, innovations have judged.
+        Of a start whose grade, if low-cost, has been judged by innovations.
     drift : Drift
         Of the same start.
     """
@@ -179,7 +180,7 @@ def better_grade(fits: GradeFits, drift: Drift) -> Grade | None:
 
 
 def clearly_likelier(gains: Mapping[Grade, float]) -> Grade | None:
-    """The worst grade that no better one is clearly likelier than; None: that which there is.
+    """The worst grade than which no better one is clearly likelier; None: the present one.
 
     Parameters
     ----------

@@ -1,10 +1,10 @@
 """Whether another first attitude makes a log's fixes likelier than that of a filter's start.
 
-An attitude found in motion may be a wrong one of several that explain a few velocity changes about
-as well, one that options state may be wrong altogether, and their sigmas do not tell. The minutes
-that follow do: a filter that begins elsewhere, with large sigmas, is then likelier (Schweppe 1965),
-whatever it is worth at the start. So filters are run from eight headings around the first (a bank
-of filters, Magill 1965), each with sigmas that reach to the next.
+Several attitudes may explain a few velocity changes about equally well, and the one found in motion
+may be the wrong one; a configured attitude may be wrong altogether. Their sigmas do not show this,
+but the minutes that follow do: a filter that starts with another attitude and large sigmas is then
+likelier (Schweppe 1965). So filters are run from eight headings around the first (a bank of
+filters, Magill 1965), each with a sigma that reaches to the next.
 
 References
 ----------
@@ -39,14 +39,14 @@ from sinstool.pipelines.process.ins_gnss.iterated_start import iterated
 from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.survey.source import Source
 
-# Headings around a circle, and the sigma of each, and of tilt, rad: one that motion shows is less
-# wrong than one that is stated may be.
+# Number of headings around a circle, and the sigma of each, rad; sigma of tilt, rad, of an attitude
+# found in motion and of a configured one, which may be more wrong.
 HEADINGS, HEADING_SIGMA = 8, 20.0 * DEGREE
 TILT_SIGMA, STATED_TILT_SIGMA = 5.0 * DEGREE, 20.0 * DEGREE
-# A heading that motion shows to better than this, rad, is not one of several.
+# A heading found in motion with a sigma below this, rad, has no alternatives.
 PLAIN = 3.0 * DEGREE
-# By how much -2 log likelihood must fall: four sigmas of one that motion shows, as what is taken
-# instead claims less; five of one that is stated, before it is denied.
+# By how much -2 log likelihood must fall: four sigmas to replace an attitude found in motion, as
+# the new one has larger sigmas; five to report that the log contradicts a configured one.
 LEAST_GAIN, DENIED = 16.0, 25.0
 
 
@@ -57,12 +57,12 @@ def with_likeliest(
     start: FilterStart,
     judged: FilterStart,
 ) -> FilterStart:
-    """A start with the likeliest first attitude; where options state it, with what denies that.
+    """A start with the likeliest first attitude; a configured one stays, with `denied` set.
 
     Parameters
     ----------
     judged : FilterStart
-        The same with the latency and the lever arm that fixes are to be judged with.
+        The same start, with the latency and lever arm to use for the fixes.
     """
     stated = config.align.align not in (*IN_FLIGHT, "auto")
     if not stated and start.start.covariance_attitude_n[2, 2] < PLAIN**2:
@@ -78,7 +78,7 @@ def with_likeliest(
 
 
 def denied_attitude(start: FilterStart) -> list[Finding]:
-    """A first attitude by an option that the fixes of the minutes after it deny."""
+    """A finding if the fixes of the first minutes contradict a configured first attitude."""
     if not start.denied:
         return []
     return [
@@ -104,14 +104,14 @@ def likeliest(
     motion : Increments or None
         From the start on, for some minutes.
     tilt_sigma : float
-        Of the other attitudes, rad.
+        Sigma of tilt of the other attitudes, rad.
 
     Returns
     -------
     best : Start
-        The same unless another is clearly likelier.
+        Unchanged unless another is clearly likelier.
     gain : float
-        By how much -2 log likelihood is less; 0 where none is clearly likelier.
+        Decrease of -2 log likelihood; 0 if none is clearly likelier.
     """
     if motion is None:
         return start.start, 0.0
@@ -141,7 +141,7 @@ def _others(start: FilterStart, tilt_sigma: float) -> Iterator[FilterStart]:
 
 def _cost(motion: Increments, start: FilterStart) -> float:
     """-2 log likelihood of the innovations; infinite with too few."""
-    # A gate would leave out the fixes that contradict
+    # Without a gate, which would reject the fixes that contradict an attitude
     control = replace(start.settings.control, gate_probability=1.0, adaptive="off")
     settings = replace(start.settings, network=None, control=control)
     fixes = start.used_until(int(motion.time_ns[-1]))

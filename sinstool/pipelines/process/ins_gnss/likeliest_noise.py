@@ -1,8 +1,8 @@
 """The likeliest noise of an Imu, by the errors of its navigation in several runs.
 
-A run takes a thousand times as long as all else here, so few are made: the variance of an error is
-a sum of parts, each of which goes with the square of one factor, and four runs show them. With
-these the likelihood is known near and far, and where it is highest runs are made again.
+A run takes a thousand times as long as everything else here, so few are made: the variance of an
+error is a sum of parts, each proportional to the square of one factor, and four runs give these
+parts. They predict the likelihood of all factors, and runs are repeated where it is highest.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from sinstool.core.arrays import FloatArray
 MOST_SQUARE = 50.0
 # Prior of a factor: standard deviation of its logarithm; the mean of its square is 1.
 PRIOR_SIGMA = 1.0
-# Factors that are tried, of gyros, accelerometers and scale factors, as powers of 2; the first of
-# them is where the prior is highest.
+# Range of the factors on gyros, accelerometers and scale factors, as powers of 2; the search begins
+# at the maximum of the prior.
 LEAST_POWERS, MOST_POWERS = np.full(3, -4), np.full(3, 3)
 FIRST_POWERS = np.full(3, -1)
 AXES = np.eye(3, dtype=int)
-# So often the likeliest are sought anew; no variance is a smaller share of one that a run gave.
+# Most repetitions about the likeliest factors; least predicted variance, over that of a run.
 ROUNDS, LEAST_VARIANCE = 5, 1e-3
 
 Errors = Callable[[float, float, float], tuple[FloatArray, FloatArray]]
 
 
 def cost(error: FloatArray, sigma: FloatArray) -> float:
-    """-2 log likelihood of errors, each counted as one; NaN is none."""
+    """-2 log likelihood of errors as if they were independent, without those that are NaN."""
     square = np.minimum((error / sigma) ** 2, MOST_SQUARE)
     return float(np.nansum(square + 2.0 * np.log(sigma)))
 
@@ -37,17 +37,18 @@ def cost(error: FloatArray, sigma: FloatArray) -> float:
 def likeliest(
     errors: Errors, weight: float, guess: FloatArray | None = None
 ) -> tuple[float, float, float]:
-    """Root mean squares of the factors under the posterior of errors and the prior.
+    """Root mean squares of the factors under their posterior.
 
     Parameters
     ----------
     errors : callable
-        Takes factors and returns errors and sigmas, always as many.
+        Takes the factors on gyros, accelerometers and scale factors, and returns errors and sigmas,
+        always of the same shape.
     weight : float
-        Of each error, as those of a window belong together.
+        Of each error, less than 1 as errors of a window are correlated.
     guess : ndarray, shape (2,), optional
-        Of gyros and accelerometers, more than 0, from where on the likeliest are sought: that
-        spares half of the runs where it is near them.
+        Factors on gyros and accelerometers, above 0, at which the search begins: near the likeliest
+        ones this saves half of the runs.
     """
     runs: dict[tuple[int, ...], tuple[FloatArray, FloatArray]] = {}
 
@@ -87,17 +88,17 @@ def likeliest(
 
 
 def _prior(powers: np.ndarray) -> float:
-    """-2 log of the prior."""
+    """-2 log of the prior density, less a constant."""
     return float(np.sum(((np.log(2.0) * powers + PRIOR_SIGMA**2) / PRIOR_SIGMA) ** 2))
 
 
 class _Near:
-    """Errors and variances about some powers, as runs there and a step away show them.
+    """Errors and variances predicted about some powers, from runs there and a step away.
 
     Parameters
     ----------
     ways : tuple of int
-        Of the steps along each axis.
+        Signs of the steps along each axis for which there are runs.
     """
 
     def __init__(
@@ -109,7 +110,7 @@ class _Near:
         self._powers = powers
         self._error, sigma = run(powers)
         self._variance = sigma**2
-        # Of each axis and way: by how much errors and variances change
+        # Changes of errors and variances, by axis and sign of the step
         self._changes: list[dict[int, tuple[FloatArray, FloatArray]]] = []
         for axis in AXES:
             here = {}
@@ -119,9 +120,9 @@ class _Near:
             self._changes.append(here)
 
     def cost(self, powers: np.ndarray) -> float:
-        """-2 log likelihood, where changes along the axes add up.
+        """-2 log likelihood, with the changes along the axes added.
 
-        Variances change with the squares of factors; errors no more than with one step.
+        Variances change with the squares of the factors; errors as much as with one step.
         """
         error, variance = self._error.copy(), self._variance.copy()
         for away, here in zip((powers - self._powers).tolist(), self._changes, strict=True):
@@ -135,11 +136,11 @@ class _Near:
 
 
 def _lowest(total: Callable[[np.ndarray], float]) -> np.ndarray:
-    """Powers where a function is lowest, as far as steps along the axes lead."""
+    """Powers at which a function is lowest, by steps along the axes."""
     best = np.zeros(len(AXES), int)
     for step in (2, 1):
         before = None
-        # In steps of 2 once around, to be near; in those of 1 until none leads lower
+        # Once around in steps of 2, then in steps of 1 until none leads lower
         while before is None or (step == 1 and (best != before).any()):
             before = best
             for way in step * AXES:
@@ -148,7 +149,7 @@ def _lowest(total: Callable[[np.ndarray], float]) -> np.ndarray:
 
 
 def _along(total: Callable[[np.ndarray], float], powers: np.ndarray, way: np.ndarray) -> np.ndarray:
-    """Powers from where a further step the same way leads no lower, or out of bounds."""
+    """Powers after steps of one direction, up to the last that leads lower within bounds."""
     while True:
         ahead = np.clip(powers + way, LEAST_POWERS, MOST_POWERS)
         if not total(ahead) < total(powers):
@@ -157,8 +158,8 @@ def _along(total: Callable[[np.ndarray], float], powers: np.ndarray, way: np.nda
 
 
 def _mean(total: Callable[[np.ndarray], float], middle: np.ndarray) -> FloatArray:
-    """Root mean squares of factors under a posterior, by -2 its log about some powers."""
-    # A paraboloid, as good as any between the points
+    """Root mean squares of the factors under a posterior, from -2 its log about some powers."""
+    # By a paraboloid through the points
     ahead, behind = ([total(middle + sign * axis) for axis in AXES] for sign in (1, -1))
     slope = 0.5 * np.subtract(ahead, behind)
     bend = np.diag(np.add(ahead, behind) - 2.0 * total(middle))
@@ -166,11 +167,11 @@ def _mean(total: Callable[[np.ndarray], float], middle: np.ndarray) -> FloatArra
         both = total(middle + AXES[i] + AXES[j]) + total(middle - AXES[i] - AXES[j])
         apart = total(middle + AXES[i] - AXES[j]) + total(middle - AXES[i] + AXES[j])
         bend[i, j] = bend[j, i] = 0.25 * (both - apart)
-    # What the drift says is never less than nothing: the prior's own curvature remains
+    # The curvature is at least that of the prior: the drift adds information, if anything
     values, vectors = np.linalg.eigh(bend)
     values = np.maximum(values, 2.0 * (np.log(2.0) / PRIOR_SIGMA) ** 2)
     inverse = (vectors / values) @ vectors.T
     powers = middle + np.clip(-inverse @ slope, -1.0, 1.0)
-    # The root of the mean of a square whose logarithm is that uncertain
+    # Root mean square of a log-normal factor
     powers = powers + 2.0 * np.log(2.0) * np.diag(inverse)
     return np.asarray(2.0 ** np.clip(powers, LEAST_POWERS, MOST_POWERS))

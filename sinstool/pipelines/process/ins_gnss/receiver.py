@@ -23,29 +23,34 @@ VELOCITY_WHITE, VELOCITY_SLOW = 0.447, 0.894
 USUAL_POSITION = (5.4, 5.4, 8.5)
 USUAL_VELOCITY = (0.11, 0.11, 0.17)
 USUAL_SIGMA_V = GnssOptions().gnss_sigma_v
-# Fixes no noisier than so many times what the receiver says have good stamps too.
+# Fixes no noisier than this many times their stated sigma have good stamps too.
 AS_CLAIMED = 1.3
-# Noisier than so many times that they are not what the receiver says.
+# Fixes noisier than this many times their stated sigma: the receiver states too little.
 TOO_LITTLE = 1.5
-# Of the whole, at least so much lasts: no log is long enough to show that nothing does.
+# Least share of the noise that varies slowly: no log is long enough to show that none does.
 LEAST_SLOW = 0.1
-# A receiver that claims less than this speaks of its own resolution.
+# Least sigma of a fix, m and m/s: a receiver that states less states its resolution.
 LEAST_POSITION, LEAST_VELOCITY = 0.005, 0.005
-# What a receiver says beyond `WORSE` times its usual sigma is an error that lasts so long, s.
+# The part of a stated sigma beyond `WORSE` times the usual one is an error that lasts so long, s.
 WORSE_S = 10.0
-# Stamps of receiver and Imu are no better than this, s: what a vehicle moves meanwhile is white
+# Stamps of receiver and Imu are no better than this, s: the distance moved in this time is white
 # noise of a position.
 STAMP_S = 0.003
-AS_STATED = "as the receiver says"
+AS_STATED = "as the receiver states"
 
 
 def inflate_sigmas(gnss: GnssEpochs, config: ProcessConfig, stamp_s: float = STAMP_S) -> GnssEpochs:
     """Fixes with the standard deviations that a filter should assume.
 
-    What the receiver says, times ``gnss_noise_scale``; of positions also what the vehicle moves
-    while stamps are uncertain. A fix that claims a centimetre at 15 m/s claims to know its time to
-    0.7 ms, which hardly a log holds; `stamp_s` is 0 for one whose fixes show that it does. The
-    first fixes after an outage, which no filter can judge, are held against those that follow.
+    Those that the receiver states, times ``gnss_noise_scale``; for positions plus the distance
+    moved in `stamp_s`. A fix of a centimetre at 15 m/s needs a time to 0.7 ms, which few logs have;
+    `stamp_s` is 0 for those whose fixes show that they have it. The first fixes after an outage,
+    which a gate cannot judge, are compared with those that follow.
+
+    Parameters
+    ----------
+    stamp_s : float, optional
+        Uncertainty of the stamps, s.
     """
     factor = config.filter.gnss_noise_scale
     square = np.square(gnss.velocity_n)
@@ -63,11 +68,11 @@ def inflate_sigmas(gnss: GnssEpochs, config: ProcessConfig, stamp_s: float = STA
 
 
 def _worse_for_long(gnss: GnssEpochs) -> FloatArray:
-    """What the receiver says of positions, m, shape (n, 3), larger where it is worse than usual.
+    """Stated sigmas of positions, m, shape (n, 3), enlarged where they are larger than usual.
 
-    Between houses, or without its corrections, a receiver is off by as much as it says, but for
-    seconds in the same way: that is not noise of which the next fix takes off a part. As white
-    noise of fixes at their rate it has to be larger by the square root of how many fixes it lasts.
+    Between houses, or without its corrections, a receiver has errors of the stated size that stay
+    the same for seconds, so the next fix does not average them out. As white noise of fixes at
+    their rate such an error must be larger by the root of the number of fixes that it lasts.
     """
     sigma = np.maximum(gnss.sigma_position_n, LEAST_POSITION)
     stated = np.isfinite(sigma).all(axis=1)
@@ -85,19 +90,21 @@ def gnss_model(
     stamp_s: float = STAMP_S,
     stated: str = AS_STATED,
 ) -> tuple[GnssModel, str]:
-    """Noise of a receiver's fixes, and where it is from; `stamp_s` as of `inflate_sigmas`.
+    """Noise of a receiver's fixes, and its source.
 
     Parameters
     ----------
+    stamp_s : float, optional
+        Uncertainty of the stamps, s, as for :func:`inflate_sigmas`.
     stated : str, optional
-        What the noise of positions is, in words, where the receiver states one.
+        Words for a noise of positions that the receiver states.
 
     Returns
     -------
     GnssModel
-        Position errors last 200 s, velocity errors 60 s.
+        Slow errors have correlation times of 200 s (position) and 60 s (velocity).
     str
-        In words.
+        Noise and source in words.
     """
     options = config.filter
     factor = options.gnss_noise_scale
@@ -128,7 +135,7 @@ def gnss_model(
 
 
 def with_lasting_share(start: FilterStart, share: float) -> FilterStart:
-    """A start with noise of positions of which a configured share lasts."""
+    """A start with noise of positions of which a configured share varies slowly."""
     model = start.settings.gnss
     noise = np.sqrt(1.0 - share**2) * np.hypot(model.position_white, model.position_markov)
     model = replace(
@@ -143,22 +150,22 @@ def with_lasting_share(start: FilterStart, share: float) -> FilterStart:
 def with_measured_noise(
     start: FilterStart, gnss: GnssEpochs, config: ProcessConfig, measured: tuple[float, float]
 ) -> FilterStart:
-    """A start with as much white noise of positions as a log shows.
+    """A start with the white noise of positions that a log shows.
 
-    What is left of the receiver's own figure lasts. A receiver that smooths its fixes shows less
-    noise than a filter may believe in: the white part is no less than usual. Where positions are
-    clearly noisier than the receiver says, unless options say how noisy they are, all that it says
-    of them is taken that many times. Where it says nothing they may be as noisy as they show.
+    The rest of the stated noise varies slowly. The white part is at least the usual share, as a
+    receiver that smooths its fixes shows less. If positions are clearly noisier than the receiver
+    states, and no option gives their noise, all of it is multiplied by that ratio. If it states
+    none, the noise is at least the measured one.
 
     Parameters
     ----------
     gnss : GnssEpochs
-        As the receiver gives them.
+        With the sigmas that the receiver states.
     measured : tuple of float
-        White noise, horizontal and vertical, m; the vertical one is NaN where there are no heights.
+        White noise, horizontal and vertical, m; the vertical one is NaN without heights.
     """
     options = config.filter
-    # A share of what the receiver says, whatever the options make of that
+    # The measured share of the stated noise stays the same if an option scales that noise
     white = options.gnss_noise_scale * np.array([measured[0], measured[0], measured[1]])
     noisier = np.ones(3)
     stated = np.isfinite(gnss.sigma_position_n).any(axis=0)
@@ -168,7 +175,7 @@ def with_measured_noise(
     words = AS_STATED
     if (noisier > 1.0).any():
         gnss = replace(gnss, sigma_position_n=noisier * gnss.sigma_position_n)
-        words = f"{times_as_noisy(noisier)} what the receiver says"
+        words = f"{times_as_noisy(noisier)} what the receiver states"
     exact = white[0] <= AS_CLAIMED * _whole(gnss_model(gnss, config, 0.0)[0])[0]
     stamp_s = 0.0 if exact else STAMP_S
     model, why = gnss_model(gnss, config, stamp_s, words)
@@ -189,17 +196,17 @@ def with_measured_noise(
 def with_white_velocity(
     start: FilterStart, gnss: GnssEpochs, config: ProcessConfig, measured: tuple[float, float]
 ) -> FilterStart:
-    """A start with the white noise of velocities that a log shows, where that is more than usual.
+    """A start with the white noise of velocities that a log shows, if it is more than usual.
 
-    What the receiver or an option says holds unless it is clearly too little: what is left of it
-    beside the white noise lasts.
+    The noise that the receiver states, or an option gives, is used unless it is clearly too small;
+    its rest beside the white noise varies slowly.
 
     Parameters
     ----------
     gnss : GnssEpochs
-        As the receiver gives them.
+        With the sigmas that the receiver states.
     measured : tuple of float
-        White noise, horizontal and vertical, m/s; NaN where it does not show.
+        White noise, horizontal and vertical, m/s; NaN if the log does not show it.
     """
     if config.filter.gnss_noise_scale != 1.0:
         return start
@@ -234,7 +241,7 @@ def with_white_velocity(
 
 
 def velocities_noisier(before: FilterStart, after: FilterStart) -> bool:
-    """Whether the noise of velocities has become clearly more than it was thought to be."""
+    """Whether the noise of velocities is clearly more than assumed before."""
     whole = _whole_velocity(before.settings.gnss)
     return bool((np.array(after.settings.gnss.velocity_white) > TOO_LITTLE * whole).any())
 
@@ -246,17 +253,17 @@ def times_as_noisy(noisier: ArrayLike) -> str:
 
 
 def _whole(model: GnssModel) -> np.ndarray:
-    """White and lasting noise of positions together, m, NED."""
+    """White and slowly varying noise of positions together, m, NED."""
     return np.hypot(model.position_white, model.position_markov)
 
 
 def _whole_velocity(model: GnssModel) -> np.ndarray:
-    """White and lasting noise of velocities together, m/s, NED."""
+    """White and slowly varying noise of velocities together, m/s, NED."""
     return np.hypot(model.velocity_white, model.velocity_markov)
 
 
 def _with_white(model: GnssModel, white: np.ndarray, most: np.ndarray) -> GnssModel:
-    """A receiver's noise, of which so much, m, NED, is white; in all it grows `most` times."""
+    """A receiver's noise with a white part, m, NED, which may enlarge it by `most` at most."""
     whole = _whole(model)
     usual = np.array(model.position_white)
     white = np.clip(np.where(np.isfinite(white), white, usual), usual, most * whole)

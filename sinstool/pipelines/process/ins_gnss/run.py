@@ -32,6 +32,12 @@ from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.process.filter_used import (
+    FilterStartTime,
+    FilterUsed,
+    LatencyUsed,
+    WithheldScores,
+)
 from sinstool.pipelines.process.height import Damping, height_warnings
 from sinstool.pipelines.process.ins_gnss import settings_used
 from sinstool.pipelines.process.ins_gnss.before_start import (
@@ -61,18 +67,9 @@ from sinstool.pipelines.process.ins_gnss.untrusted import (
     marked,
     untrusted,
 )
-from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions, find_vehicle
+from sinstool.pipelines.process.ins_gnss.vehicle import FirstPass, first_pass
 from sinstool.pipelines.process.mode import BytesRead, Mode, warned
-from sinstool.pipelines.process.summary import (
-    ConingUsed,
-    FilterCourse,
-    FilterStartTime,
-    FilterUsed,
-    LatencyUsed,
-    ModeResult,
-    Sink,
-    WithheldScores,
-)
+from sinstool.pipelines.process.summary import ConingUsed, FilterCourse, ModeResult, Sink
 from sinstool.pipelines.process.travel import find_outages
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source, lead_in_end
@@ -86,7 +83,7 @@ DIAGNOSTIC_NAMES = (
         for axis in ("north", "east", "down")
     ),
 )
-# Part of a log that a diagnosis looks at: faults show within minutes.
+# Length of the part of a log that is examined for faults: they show within minutes.
 DIAGNOSED_NS = 300 * SECOND
 DETAIL_ROWS = 512
 
@@ -94,7 +91,7 @@ DETAIL_ROWS = 512
 def _pieces(
     steps: Iterator[tuple[Increments, Imu, Imu | None]], rows: int | None
 ) -> Iterator[tuple[Increments, Imu]]:
-    """Increments with their samples, in pieces of so many."""
+    """Increments with their samples, in pieces of at most so many rows."""
     for increments, imu, _ in steps:
         count = len(increments.sample) if rows is None else rows
         for first in range(0, len(increments.sample), count):
@@ -140,37 +137,38 @@ class FilterRun(Mode):
         self._hidden = bool(start.withheld.any())
         self._sample_kind_known = plan.gyro_samples.configured or bool(means)
         self._mount: np.ndarray | None = None
-        self._best: VehicleAssumptions | None = None
+        self._best: FirstPass | None = None
         self._stretches: list[Stretch] = []
 
     def find_out(self, progress: BytesRead | None) -> None:
-        """Determine the latency by the whole log, and the motion constraints of the vehicle."""
+        """Determine the latency from the whole log, and the motion constraints of the vehicle."""
         # GNSS, barometer and wheels have been read
         self.source.log.cache(())
         best = self._planned
         if best.time_ns != self._start.time_ns:
-            # Beyond a gap the same vehicle may show more of itself
+            # Beyond a gap the vehicle may show more of itself
             longest = longest_carried(best.settings)
-            self._best = find_vehicle(self.source, self.config, self.plan.algorithm, best, longest)
+            self._best = first_pass(self.source, self.config, self.plan.algorithm, best, longest)
         first = self._stretch(self.source, self._start)
-        if first.start.clock.rate != 0.0 and self._put_right(first.start.clock):
+        if first.start.clock.rate != 0.0 and self._begin_with_clock(first.start.clock):
             first = self._stretch(self.source, self._start)
         self._stretches, self._start = [first], first.start
         self._measure_by(first.start)
         self._mount = first.vehicle.mount
         if self._mount is None and self._best is not None:
-            self._mount = self._best.mount
+            self._mount = self._best.vehicle.mount
         if self._mount is not None:
             self.emits = (*self.emits, "vehicle")
 
-    def _put_right(self, clock: ClockRate) -> bool:
-        """Begin anew with stamps of a clock that runs with the Imu's, if that can be done.
+    def _begin_with_clock(self, clock: ClockRate) -> bool:
+        """Begin anew with stamps corrected for the rate of the receiver's clock; False if no start.
 
-        Fixes whose latency changes look as if they wandered, and the Imu as if it did.
+        Where the latency changes, fixes seem to wander and the Imu to drift: the noise of the first
+        start is too large.
         """
         aiding, algorithm = self.source.aiding, self.plan.algorithm
         assert aiding.gnss is not None
-        source = replace(self.source, aiding=replace(aiding, gnss=clock.put_right(aiding.gnss)))
+        source = replace(self.source, aiding=replace(aiding, gnss=clock.corrected(aiding.gnss)))
         try:
             begun = timed_start(source, self.config, algorithm, first_start(source, self.config))
         except AlignmentError:
@@ -181,7 +179,7 @@ class FilterRun(Mode):
         return True
 
     def _measure_by(self, start: FilterStart) -> None:
-        """Score fixes that are withheld, and widen covariances, by the latency of this start."""
+        """Score withheld fixes, and widen covariances, by latency and lever arm of this start."""
         valid = replace(
             start.gnss, time_ns=start.gnss.time_ns - round(start.settings.gnss_latency * SECOND)
         )
@@ -189,7 +187,6 @@ class FilterRun(Mode):
         self._score = Withheld(valid, start.withheld, arm)
         self._filtered = Withheld(valid, start.withheld, arm)
         turned = None if start.offsets is None else start.offsets.turned
-        # Few logs show whether a sample is a mean until its stamp, or a rate at it
         half = 0.0 if self._sample_kind_known else 0.5 * self.source.survey.interval_ns / SECOND
         shared = start.latency_status != "given" and start.settings.gnss_latency != 0.0
         self._offsets_error = OffsetsError(start.offsets_error, turned, half, shared)
@@ -198,12 +195,12 @@ class FilterRun(Mode):
         self, source: Source, start: FilterStart, gap: FilterEvent | None = None
     ) -> Stretch:
         longest = longest_carried(start.settings)
-        vehicle = self._best if start.time_ns == self._planned.time_ns else None
-        if vehicle is None:
-            vehicle = find_vehicle(source, self.config, self.plan.algorithm, start, longest)
-        start = vehicle.started(start)
-        run = self._filter_from(start, vehicle.constraints)
-        return Stretch(source, start, run, vehicle, gap)
+        first = self._best if start.time_ns == self._planned.time_ns else None
+        if first is None:
+            first = first_pass(source, self.config, self.plan.algorithm, start, longest)
+        start = first.started(start)
+        run = self._filter_from(start, first.vehicle.constraints)
+        return Stretch(source, start, run, first.vehicle, gap)
 
     def _filter_from(
         self, start: FilterStart, constraints: Constraints | None = None
@@ -217,7 +214,7 @@ class FilterRun(Mode):
         )
 
     def show(self, sink: Sink) -> None:
-        """Record barometer heights, fixes, and the biases at full detail for figures."""
+        """Record barometer heights and fixes, and biases in full detail, for figures."""
         if self._damping is not None:
             self._damping.show(sink)
         gnss = self.source.aiding.gnss
@@ -226,8 +223,8 @@ class FilterRun(Mode):
         self._detailed = True
 
     def solutions(self, progress: BytesRead | None) -> Iterator[Solution]:
-        """Filtered, or smoothed, at every update instant, from the log's start on."""
-        # Each may find the start of the next
+        """Filtered or smoothed solutions at every update instant, from the start of the log on."""
+        # Processing a stretch may append the next
         for stretch in self._stretches:
             self._mounted(stretch.vehicle.mount)
             solve = self._smoothed if self._smooth else self._as_filtered
@@ -268,13 +265,13 @@ class FilterRun(Mode):
                 begin = end
 
     def _mounted(self, c_vb: np.ndarray | None) -> None:
-        """Write the vehicle's attitude by this mount; where there is none, by the one before."""
+        """Use this mount for the attitude of the vehicle, if there is one; else the one before."""
         if self._mount is not None and c_vb is not None:
             self._mount = c_vb
 
     def _scored(self, solution: Solution | None) -> Iterator[Solution]:
         if solution is not None:
-            if self._hidden:  # by fixes that would be as early or late as it is
+            if self._hidden:  # their stamps are corrected by the same latency
                 self._score.push(solution)
             if self._mount is not None:
                 q_vb = np.broadcast_to(from_dcm(self._mount), solution.q_nb.shape)
@@ -312,7 +309,7 @@ class FilterRun(Mode):
             self._updates += len(increments.sample)
             updates = block.updates
             assert updates is not None
-            # The first minutes, to tell by what is wrong if something is
+            # The first minutes, from which the cause of a fault is found
             if not self._first or updates.time_ns[0] <= self._first[0].time_ns[0] + DIAGNOSED_NS:
                 self._first.append(updates)
             estimate = run.summary
@@ -322,11 +319,11 @@ class FilterRun(Mode):
                 self._gnss.append(block.gnss)
                 self._unwritten.append(block.gnss)
             yield block, imu
-            # What is let go before the next block is taken again: new memory is cleared first
+            # What is freed before the next block is reused: new memory is cleared first
             del block, updates
 
     def _begins_anew(self, stretch: Stretch, last_ns: int, increments: Increments) -> bool:
-        """Whether increments lie beyond a gap and a new start was found there, which comes next."""
+        """Whether these increments follow a gap with a new start, which begins the next stretch."""
         begin_ns = int(increments.time_ns[0]) - round(float(increments.interval[0]) * SECOND)
         gap = (begin_ns - last_ns) / SECOND
         if gap < longest_carried(stretch.start.settings):
@@ -353,7 +350,7 @@ class FilterRun(Mode):
         return settings_used.about_options(findings, p, self.config)
 
     def _plain_first(self) -> UpdateColumns:
-        """Updates of the first minutes, by a filter whose restarts do not escalate."""
+        """Updates of the first minutes, by a filter whose restarts do not enlarge its sigmas."""
         p = self._start
         control = replace(p.settings.control, escalate=False)
         plain = replace(p, settings=replace(p.settings, control=control))
@@ -443,7 +440,7 @@ class FilterRun(Mode):
         )
 
     def _latency(self) -> LatencyUsed:
-        """Assumed validity time of the fixes, and its source."""
+        """Latency of the fixes that was assumed, and its source."""
         p = self._start
         shown = p.offsets if p.offsets is not None and p.offsets.observable else None
         half = 0.5 * p.lag
@@ -457,7 +454,7 @@ class FilterRun(Mode):
         )
 
     def _scores(self) -> WithheldScores | None:
-        """How far the solutions were from the fixes that the filter did not see."""
+        """Differences of the solutions from the fixes that were withheld from the filter."""
         score = self._score.score()
         if score is None:
             return None

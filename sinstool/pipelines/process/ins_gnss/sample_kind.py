@@ -1,9 +1,9 @@
 """Whether samples are means until their stamps, where fixes are good enough to show it.
 
-The two kinds are half a sample apart in time, and nothing else tells them apart: an Imu by itself
-shows no time, and fixes show it only together with the receiver's latency. But stamps of most
-receivers are right. Where fixes of a receiver without a latency that the log shows otherwise are
-clearly likelier beside means, samples are taken for such.
+Means and rates at the stamps differ by half a sample in time, and in nothing else. An Imu alone
+does not show this time, and fixes show it only together with the latency of the receiver. But the
+stamps of most receivers are right: if the log shows no latency, or one of minus half a sample, and
+the fixes are clearly likelier with means, samples are read as means.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.survey.source import Source
 
 MEANS = "mean-rate"
-# Fixes that are worse than this, m, do not show half a sample.
+# Fixes noisier than this, m, do not show half a sample.
 MOST_NOISE = 0.3
-# A latency within so many of its sigmas, and s, of half a sample is that.
+# A latency is minus half a sample if it is so within this many sigmas, or s.
 SIGMAS, LEAST_NEAR_S = 3.0, 0.002
 # By how much -2 log likelihood must fall: four sigmas of one parameter.
 LEAST_GAIN = 16.0
@@ -46,17 +46,16 @@ def with_sample_kind(
     Parameters
     ----------
     first : FilterStart
-        Of :func:`~sinstool.pipelines.process.ins_gnss.first_start.first_start`.
+        By :func:`~sinstool.pipelines.process.ins_gnss.first_start.first_start`.
 
     Returns
     -------
-    ProcessConfig, FilterStart
-        The same where they do not, or where options say what samples are.
-    FilterStart or None
-        What :func:`~sinstool.pipelines.process.ins_gnss.start.timed` makes of it, where that has
-        been found out.
-    list of Finding
-        That they are, if so.
+    config, first : ProcessConfig, FilterStart
+        Unchanged if the fixes do not show it, or if options say what samples are.
+    start : FilterStart or None
+        :func:`~sinstool.pipelines.process.ins_gnss.start.timed` of `first`, if it was made.
+    findings : list of Finding
+        A note if samples are read as means.
     """
     if _coarse(first) or plan.gyro_samples.configured or config.input.sample_kind != "rate":
         return config, first, None, []
@@ -76,7 +75,7 @@ def with_sample_kind(
         other = timed(source, means, plan.algorithm, begun)
     except AlignmentError:
         return same
-    # No fix is valid after its stamp; beside means it has to be valid at it
+    # No fix is valid after its stamp: with means the latency has to vanish
     if other.latency_status != "given" and other.settings.gnss_latency != 0.0:
         return same
     text = "the fixes show that samples of the Imu are means until their stamps"

@@ -13,19 +13,19 @@ from sinstool.methods.ins_gnss.filter import FilterSummary
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.receiver import USUAL_SIGMA_V
 
-# What a latency may be off by, over the fixes' own noise, that is worth a warning.
+# An uncertainty of positions over the noise of a fix that is worth a warning.
 WORSE_THAN_FIXES = 5.0
 
 
 def notes(
     start: FilterStart, summary: FilterSummary, config: ProcessConfig, largest_m: float
 ) -> list[Finding]:
-    """What was found in the log and is used, or does not do what an option asks for.
+    """Findings about settings that the filter took from the log, and about options not applied.
 
     Parameters
     ----------
     largest_m : float
-        What the latency's sigma is worth at the highest speed.
+        Uncertainty of positions by the sigma of the latency, at the highest speed, m.
     """
     findings: list[Finding] = []
 
@@ -47,7 +47,7 @@ def notes(
     ):
         note(
             "latency-used",
-            f"fixes are taken to be valid {_shift(settings.gnss_latency, 'before', 'after')} their"
+            f"fixes are used as valid {_shift(settings.gnss_latency, 'before', 'after')} their"
             f" stamps (sigma {start.offsets.sigma_s:.4f} s), as the log shows; --gnss-latency"
             " overrides this",
         )
@@ -86,14 +86,15 @@ def notes(
 
 
 def late_or_early(largest_m: float, sigma_s: float, fix_sigma_m: float) -> list[Finding]:
-    """Positions that an uncertain latency makes much less certain than the fixes are.
+    """A finding if an uncertain latency makes positions much less certain than the fixes.
 
     Parameters
     ----------
     largest_m, sigma_s : float
-        What the latency's sigma is worth at the highest speed, and that sigma.
+        Uncertainty of positions by the sigma of the latency, at the highest speed, m; that sigma,
+        s.
     fix_sigma_m : float
-        Of a fix.
+        Of a fix, m.
     """
     if largest_m <= WORSE_THAN_FIXES * fix_sigma_m:
         return []
@@ -110,21 +111,21 @@ def late_or_early(largest_m: float, sigma_s: float, fix_sigma_m: float) -> list[
 
 
 def _arm_used(arm_b: tuple[float, float, float], sigma: np.ndarray) -> Finding:
-    """An antenna of which nobody said where it is, where the log shows it."""
+    """A lever arm that was not given, but found in the log."""
     x, right, down = arm_b
     known = ", ".join(f"{value:.2f}" for value in sigma)
     return Finding(
         "lever-arm-used",
         f"the antenna is taken to be {x:.2f} m forward, {right:.2f} m right and {down:.2f} m down"
         f" of the IMU (+- {known}), as fixes move with the vehicle's turns; the sigmas of the"
-        " solution include what is not known of it",
+        " solution include this uncertainty",
         answer="give --lever-arm if you know it",
         numbers={"forward_m": x, "right_m": right, "down_m": down},
     )
 
 
 def _arm_open(sigma: np.ndarray) -> Finding:
-    """An antenna of which neither anybody nor the log says where it is, beside good fixes."""
+    """A lever arm that is neither given nor found, with fixes that are better than it is known."""
     known = ", ".join(f"{value:.2g}" for value in sigma)
     return Finding(
         "lever-arm-uncertain",
@@ -142,12 +143,12 @@ def _arm_open(sigma: np.ndarray) -> Finding:
 def about_options(
     findings: Sequence[Finding], start: FilterStart, config: ProcessConfig
 ) -> list[Finding]:
-    """Those of a diagnosis that are about an option, so that the user can put it right."""
+    """Findings of a diagnosis that concern an option, which the user can correct."""
     return [_completed(f, config) for f in findings if _matters(f, start, config)]
 
 
 def _completed(finding: Finding, config: ProcessConfig) -> Finding:
-    """A finding of Imu noise, with the other cause of it: too small a noise of the fixes."""
+    """A finding about Imu noise, with its other possible cause: too little noise of the fixes."""
     if finding.kind != "imu-noise" or config.filter.gnss_noise_scale >= 1.0:
         return finding
     more = "; or --gnss-noise-scale is too small"
@@ -159,7 +160,7 @@ def _matters(finding: Finding, start: FilterStart, config: ProcessConfig) -> boo
     if finding.kind == "latency":
         return start.latency_status == "given"
     if finding.kind == "gnss-noise" and finding.numbers["sigma_ratio"] < 1.0:
-        # Receivers that filter their fixes claim more than the noise that is left in them
+        # Receivers that filter their fixes state more than the remaining noise
         stated = options.gnss_sigma is not None or gnss.gnss_sigma_v != USUAL_SIGMA_V
         return stated or options.gnss_noise_scale > 1.0
     return True

@@ -1,10 +1,10 @@
-"""Slow errors of fixes, beside an Imu that drifts less than they wander.
+"""Slow errors of fixes, estimated with an Imu that drifts less than they wander.
 
-A receiver states how large its errors are, not how they follow one another; what it states often
-covers their white part only. Errors that last for minutes move the navigation with them, and single
-innovations hardly show that. All of them together do: under the right size of the slow errors they
-are most likely (Schweppe 1965). Whether the fixes wander or the Imu drifts is for the same
-likelihood to tell, so what is compared are pairs of both.
+A receiver states the size of its errors, not their correlation; often it states their white part
+only. Errors that last for minutes move the navigation with them, and single innovations hardly show
+that. All innovations together do: they are most likely with the right size of the slow errors
+(Schweppe 1965). Whether the fixes wander or the Imu drifts follows from the same likelihood, so
+pairs of both are compared.
 
 References
 ----------
@@ -25,11 +25,11 @@ from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_fit import unlikely
 
-# Factors of the sigmas are powers of this; so many at most.
+# Factors on the sigmas are powers of STEP, up to MOST_STEPS.
 STEP, MOST_STEPS = 2.0, 10
-# By how much -2 log likelihood must fall before a receiver is thought to understate its slow error:
-# four sigmas of one parameter, as no model of an Imu is quite right; and up to what rise larger
-# errors would not show.
+# By how much -2 log likelihood must fall before slow errors are enlarged: four sigmas of one
+# parameter, as no model of an Imu is quite right. Larger errors that raise it by less than the
+# second would not show.
 LEAST_GAIN, NOT_SHOWN = 16.0, 4.0
 LEAST_EPOCHS = 100
 SLOW = "; slow errors"
@@ -46,16 +46,17 @@ def with_slow_errors(
     Parameters
     ----------
     judged : FilterStart
-        The same with the latency and the lever arm that innovations are to be judged with.
+        The same start, with the latency and lever arm to use for the innovations.
     increments : Increments or None
         From the start on, for some minutes.
     shaken : Shaking, optional
-        What shakes the Imu where its vehicle stands, lest the fixes be blamed for it.
+        Noise of an Imu that is shaken while its vehicle stands, so that it is not attributed to the
+        fixes.
 
     Returns
     -------
     FilterStart
-        The same where nothing speaks clearly for larger ones.
+        Unchanged unless larger slow errors are clearly likelier.
     """
     if increments is None:
         return start
@@ -68,7 +69,7 @@ def with_slow_errors(
             costs[steps] = _cost(increments, _with(judged, steps, 0), shaken)
         return costs[steps]
 
-    # Horizontally and in height together first, then one after the other
+    # Horizontal and vertical together first, then each by itself
     best = (0, 0)
     if not np.isfinite(cost(best)):
         return start
@@ -84,12 +85,12 @@ def with_slow_errors(
 
 
 def _with(start: FilterStart, steps: tuple[int, int], most: int) -> FilterStart:
-    """A start with larger slow errors, horizontally and in height.
+    """A start with slow errors larger by steps, horizontal and vertical.
 
     Parameters
     ----------
     most : int
-        Step of the largest horizontal ones that would not show.
+        Step of the largest horizontal errors that would not show.
     """
     level, vertical = (STEP**step for step in steps)
     stated = start.settings.gnss.position_markov[0]
@@ -99,7 +100,7 @@ def _with(start: FilterStart, steps: tuple[int, int], most: int) -> FilterStart:
     if any(steps):
         text += ", by all innovations"
     if most > steps[0]:
-        text += f" (of {stated * STEP**most:.2g} m would not show)"
+        text += f" (slow errors up to {stated * STEP**most:.2g} m would not show)"
     times = start.slow_errors[0] * level, start.slow_errors[1] * vertical
     return replace(made, gnss_why=text, slow_errors=times)
 

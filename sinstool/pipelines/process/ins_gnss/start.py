@@ -1,4 +1,4 @@
-"""Start of an INS/GNSS filter, with latency, noise and grade as runs of the filter show them."""
+"""Start of an INS/GNSS filter, with latency, noise and grade estimated by runs of the filter."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ from sinstool.survey.grade import ImuGrade, to_align_as
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
-# A grade that drifts so many times as much as its own sigmas say is none of the Imu's.
+# If the navigation drifts this many times as far as its sigmas, the Imu is of a worse grade.
 OTHER_GRADE = 2.0
 
 
@@ -62,21 +62,21 @@ def timed_start(
 ) -> FilterStart:
     """A start with latency, noise and grade estimated by runs of the filter, unless configured.
 
-    That is the receiver's latency, the share of its noise that is white, and a grade of the Imu
-    that innovations do not refute.
+    These are the receiver's latency, the white share of its noise, and a grade of the Imu that
+    innovations and drift do not contradict.
 
     Parameters
     ----------
     first : FilterStart
-        Of :func:`first_start`.
+        By :func:`first_start`.
     start : FilterStart, optional
-        What :func:`timed` makes of it, where that is known.
+        By :func:`timed` from `first`, if it is known.
     """
     start = start or timed(source, config, algorithm, first)
     if config.navigation.imu_grade == "auto":
         first, start = _fitted(source, config, algorithm, first, start)
         start = _drifting(source, config, algorithm, first, start)
-        # A poor Imu follows fixes wherever they go, until it is known to be a better one
+        # With a poor Imu the slow errors of fixes do not show: once more with a better one
         start = _wandering(source, config, algorithm, start)
     start = with_likeliest(source, config, algorithm, start, start.by_the_fixes)
     start = compare_with_log(source, config, algorithm, start)
@@ -91,7 +91,7 @@ def timed_start(
 
 
 def _warnings(start: FilterStart) -> list[str]:
-    """About settings that the log denies, and what is used instead."""
+    """Warnings about noise and latency that the log contradicts, and what is used instead."""
     warnings = []
     if max(start.slow_errors) > 1.0:
         north, _, down = start.settings.gnss.position_markov
@@ -114,8 +114,8 @@ def _warnings(start: FilterStart) -> list[str]:
     if start.latency_status == "not settled":
         warnings.append(
             "the estimate of the GNSS latency did not converge:"
-            f" {1e3 * start.settings.gnss_latency:.0f} ms is used, but then the log shows"
-            f" {start.offsets}: give it with --gnss-latency"
+            f" {1e3 * start.settings.gnss_latency:.0f} ms is used, but an estimate about it gives"
+            f" {start.offsets}: give the latency with --gnss-latency"
         )
     return warnings
 
@@ -128,7 +128,7 @@ def timed(
     Parameters
     ----------
     first : FilterStart
-        Of :func:`first_start`.
+        By :func:`first_start`.
     """
     here, gnss = to_align_as(config, first.grade), source.aiding.gnss
 
@@ -148,7 +148,7 @@ def timed(
         first = noisy
         noisy = begin(first.settings.gnss_latency, None)
     timed = with_offsets(source, config, algorithm, noisy, begin)
-    # Velocities at a wrong time look noisy, and noisy ones hardly show the time
+    # Velocities at a wrong time look noisy; with the right noise, the latency is estimated again
     shown = white_noise(source, config, algorithm, timed)
     if shown is not None and gnss is not None:
         quieter, timed = timed, with_white_velocity(timed, gnss, config, shown.velocity)
@@ -162,9 +162,10 @@ def timed(
 def _wandering(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
-    """A start with slow errors of fixes as large as they are beside its Imu.
+    """A start with slow errors of fixes as large as innovations show them.
 
-    What options say of either stays: a wrong word about one would be blamed on the other.
+    Not if options give the noise of the Imu or of the fixes: a wrong value for one would be
+    attributed to the other.
     """
     if imu_stated(config) or receiver_stated(config):
         return start
@@ -180,13 +181,17 @@ def _fitted(
     first: FilterStart,
     start: FilterStart,
 ) -> tuple[FilterStart, FilterStart]:
-    """A start with a worse grade of the Imu, where innovations refute the one that a rest shows.
+    """A start with a worse grade of the Imu, if innovations refute the grade by its noise at rest.
 
-    And the first start with that grade. White noise at rest says little of biases and scale
-    factors, and vibration is not there.
+    White noise at rest says little about biases and scale factors, and does not include vibration.
+
+    Returns
+    -------
+    first, start : FilterStart
+        Both with that grade.
     """
     shown = fit(source, config, algorithm, start.by_the_fixes)
-    # Slow errors of fixes make up for those of an Imu, too: whichever is likelier
+    # Errors of the Imu may have been taken for slow errors of fixes: the likelier ones are kept
     while shown is not None and (shown.doubted or max(start.slow_errors) > 1.0):
         worse = next_worse(start.grade.grade)
         if worse is None:
@@ -217,19 +222,19 @@ def _drifting(
     first: FilterStart,
     start: FilterStart,
 ) -> FilterStart:
-    """A start with Imu noise that explains the drift where fixes are left out.
+    """A start with the grade and noise of the Imu that explain the drift without fixes.
 
     Parameters
     ----------
     first : FilterStart
-        From which `start` was made.
+        The first start, from which `start` was made.
     """
     if config.in_flight.arw is not None or config.in_flight.vrw is not None:
         return start
     start, drift = _as_quiet_as_in_motion(source, config, algorithm, start)
     worse = next_worse(start.grade.grade)
     if drift.ratio > OTHER_GRADE and worse is not None:
-        # Noise at rest says nothing of biases and scale factors
+        # Noise at rest says nothing about biases and scale factors
         why = f"drifts {drift.ratio:.2g} times as far without fixes as {start.grade.grade} allows"
         try:
             begun = _begun_as(source, config, first, ImuGrade(worse, why), start.lag)
@@ -271,10 +276,11 @@ def _drifting(
 def _as_quiet_as_in_motion(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> tuple[FilterStart, Drift]:
-    """A start whose sensors are no noisier than motion shows, and its drift, which says what is.
+    """A start whose sensors are no noisier than in motion, and its drift without fixes.
 
-    Where a log shows too little of that the start stays as it is. Slow errors of fixes have been
-    judged before, as sensors that are taken for too quiet put the blame on them.
+    If the log shows too little drift, the start stays as it is: nothing would then enlarge noise
+    that is too small. Slow errors of fixes are estimated before this, as with too little noise of
+    the sensors they would come out too large.
     """
     moving, imu = walks_in_motion(source), start.settings.imu
     stated = start.grade.grade in LOW_COST or config.navigation.imu_noise is not None
@@ -299,14 +305,14 @@ def _calibrated(
     drift: Drift,
     fits: GradeFits,
 ) -> tuple[FilterStart, FilterStart, Drift, GradeFits]:
-    """A start with a low-cost Imu that is calibrated or not, as innovations have it.
+    """A start with a low-cost Imu that is calibrated as well as innovations show.
 
     Parameters
     ----------
     first : FilterStart
-        From which the start that is judged was made.
+        The first start, from which the judged start was made.
     drift, fits : Drift, GradeFits
-        Of that start.
+        Of the judged start.
     """
     start, judged = fits.start, likelier_low_cost(fits)
     if judged is None or (judged.grade == start.grade.grade and judged.uncalibrated is None):
@@ -325,11 +331,11 @@ def _as_judged(
     start: FilterStart,
     judged: ImuGrade,
 ) -> tuple[FilterStart, FilterStart]:
-    """A first start and a start with an Imu that innovations have judged.
+    """A first start and a start with the grade that innovations show.
 
-    It is aligned as such a one, unless it was, that is too uncertain for a start, or the fixes are
-    clearly likelier with the attitude, the latency and the arm found before: what a receiver does
-    is none of the Imu's.
+    The Imu is aligned anew with that grade, unless the grade is unchanged, the attitude is then too
+    uncertain for a start, or the fixes are clearly likelier with the attitude, latency and arm of
+    before: latency and arm belong to the receiver, whatever the Imu.
     """
     before = start.grade.grade
     kept = replace(judged, why=f"{start.grade.why}; {judged.why}", aligned_as=before)
@@ -352,7 +358,7 @@ def _timed_unless(
     begun: FilterStart,
     same: FilterStart,
 ) -> FilterStart:
-    """A first start timed anew, unless the fixes are clearly likelier with the `same` as before."""
+    """A start by :func:`timed`, unless the fixes are clearly likelier with the start `same`."""
     anew = timed(source, config, algorithm, begun)
     fits = [fit(source, config, algorithm, start.by_the_fixes) for start in (anew, same)]
     worse = fits[0] is not None and fits[1] is not None and fits[0].worse_than(fits[1])
@@ -360,7 +366,7 @@ def _timed_unless(
 
 
 def _less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> FilterStart:
-    """A start that was aligned with better accelerometers than its own, with their sigmas."""
+    """A start with the sigmas of tilt of its own accelerometers, if aligned with better ones."""
     felt = as_if_aligned(imu).accel_bias ** 2 - as_if_aligned(aligned).accel_bias ** 2
     tilt = max(felt, 0.0) / STANDARD_GRAVITY**2
     covariance = start.start.covariance_attitude_n + np.diag([tilt, tilt, 0.0])
@@ -370,9 +376,10 @@ def _less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> F
 def _begun_as(
     source: Source, config: ProcessConfig, first: FilterStart, grade: ImuGrade, lag: float
 ) -> FilterStart:
-    """A first start with an Imu of another grade, which is aligned as such a one if that works.
+    """A first start with another grade of the Imu, aligned with that grade if possible.
 
-    An alignment that is a little too uncertain may pass with a latency that is wrong.
+    Not if it needs a larger latency: an alignment that is too uncertain at the right latency may
+    pass with a wrong one.
     """
     with suppress(AlignmentError):
         begun = first_start(source, config, grade, lag)

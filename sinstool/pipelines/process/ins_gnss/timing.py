@@ -2,8 +2,8 @@
 
 An epoch is valid ``latency`` before its stamp. Position and velocity of one message need not be
 of one instant: some receivers difference positions, or average over the interval that ends at
-the fix. Their lag is how much later velocities are stamped than positions; the latency is then
-the mean of both, so that positions are valid at ``stamp - latency + lag/2`` and velocities at
+the fix. The lag is the time by which velocities are stamped later than positions. The latency is
+then the mean of both: positions are valid at ``stamp - latency + lag/2`` and velocities at
 ``stamp - latency - lag/2``.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -36,33 +37,35 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, WhiteN
 from sinstool.survey.increments import first_increments
 from sinstool.survey.source import Source
 
-# Latency is looked for in the first part of a log.
+# The first part of a log, from which latency and lever arm are estimated, up to a gap.
 FIRST_NS = 400 * SECOND
 GAP_NS = 5 * SECOND
-# Used where it is more than this, and than so many of its sigmas: stamps of most receivers are
-# right, and one of 0 within a few ms is likelier than one that a log shows as 10 +- 7 ms by chance.
+# A latency is used if it is more than this, s, and more than so many of its sigmas: stamps of most
+# receivers are right, and 10 ms with a sigma of 7 ms are then more likely chance.
 LEAST_S = 0.01
 USED = 2.5
-# What was found may be a wrong one of several latencies that explain a shaken antenna about as
-# well, where innovations squared stay so many times what a filter expects, where an estimate goes
-# further than the latency that it was made about, or back, by so many of its sigmas, where from the
-# first to the last it has gone along by so much of the way, or where the antenna is not where it
-# was said to be. Then it is sought anew from the best of these, s, and of those about that one.
-# Where an antenna shakes at 10 Hz and more only a few ms from the right one show it.
+# An antenna that shakes can fit several latencies about as well. The estimate may be a wrong one of
+# them if squared innovations stay MISFIT times as large as expected, if successive estimates differ
+# by more than JUMPED sigmas without converging (slope of the estimate over the latency used outside
+# BACK to FURTHER), if over all rounds the estimate follows the latency used by the share ALONG, or
+# if it contradicts a given lever arm.
 MISFIT = 4.0
 BACK, FURTHER, JUMPED = -0.5, 1.0, 5.0
 ALONG = 0.9
+# Then these are tried, s, and those about the best of them: with an antenna that shakes at 10 Hz
+# and more, only latencies within a few ms of the right one explain the fixes.
 LATENCIES = np.arange(-0.1, 0.26, 0.02)
 NEARER = 0.005 * np.arange(-3, 4)
+# A lag is used if it is more than this, s, and more than so many of its sigmas.
 LEAST_LAG_S = 0.02
 LAG_SIGMAS = 6.0
-# Assumed while positions at wrong times must not spoil the biases.
+# Noise of fixes, m and m/s, with which positions at wrong times hardly change the biases.
 LOOSE_POSITION = (5.0, 5.0, 8.0)
 LOOSE_VELOCITY = (0.3, 0.3, 0.5)
-# An arm that nobody gave is used where the estimate about it is within so many of its sigmas of it,
-# after at most so many steps, and -2 log likelihood is less by so much than without.
+# An arm that was not given is used if an estimate repeated about it agrees within so many sigmas,
+# after at most so many rounds, and if it lowers -2 log likelihood by so much.
 ARM_AGREES, ARM_ROUNDS, ARM_GAIN = 1.0, 4, 16.0
-# Epochs that show the white noise of fixes.
+# Fewest epochs that show the white noise of fixes.
 LEAST_EPOCHS = 40
 
 
@@ -80,33 +83,34 @@ def with_offsets(
     first: FilterStart,
     begin: Callable[[float, np.ndarray | None], FilterStart],
 ) -> FilterStart:
-    """A start with the receiver's latency, configured or estimated, and the lever arm beside it.
+    """A start with the receiver's latency, configured or estimated, and with the lever arm.
 
-    Where the latency is given the log is asked all the same: what it says may contradict. Elsewhere
-    it is used where the log shows it, and where it differs from the one assumed first.
+    A given latency is used, but still estimated, as the log may contradict it. Otherwise the
+    estimate is used if the log shows it and it differs from the one assumed first.
 
     Parameters
     ----------
     begin : callable
-        Makes a start with another latency, s, and the arm assumed (None) or another, m.
+        Makes a start with another latency, s, and with the assumed arm (None) or another, FRD, m.
     """
     assumed, stated_b = first.settings.gnss_latency, config.gnss.lever_arm
     begun = {assumed: first}
 
     def begun_at(latency: float) -> FilterStart:
-        """With the arm assumed; what was made once serves again."""
+        """A start with the assumed arm, made once for each latency."""
         if latency not in begun:
             begun[latency] = begin(latency, None)
         return begun[latency]
 
-    # By all fixes, as a gate leaves out those that contradict
+    # Without a gate, which would reject the fixes that contradict a latency
     tried: list[tuple[float, ReceiverOffsets]] = []
+    # With and without
     made: list[tuple[float, ReceiverOffsets]] = []
 
     def evaluate(latency: float, arm_b: np.ndarray | None, gated: bool) -> ReceiverOffsets | None:
         try:
             start = begun_at(latency) if arm_b is None else begin(latency, arm_b)
-        except AlignmentError:  # with the fixes moved so far no start is seen
+        except AlignmentError:  # a wrong latency may leave no start
             return None
         motion = motion_from(source, config, algorithm, start.time_ns)
         if motion is None:
@@ -131,7 +135,7 @@ def with_offsets(
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
         if tried and tried[-1][1].misfit < least:
             used, offsets, agrees = other
-    # A start with a wrong latency may have an attitude with which no other explains the fixes
+    # A start with a wrong latency may have an attitude that makes any other latency less likely
     no_better = bool(tried) and tried[-1][1].square > at_first
     if offsets is not None and abs(used - assumed) > LEAST_S and no_better:
         same = _with_same_start(source, config, algorithm, first)
@@ -149,7 +153,7 @@ def with_offsets(
         ):
             try:
                 start = begun_at(used)
-            except AlignmentError:  # better a start with a latency that is contradicted than none
+            except AlignmentError:  # a start with a contradicted latency is better than none
                 status = "not settled"
     start = replace(start, offsets=offsets, latency_status=status)
     if stated_b is not None:
@@ -165,7 +169,7 @@ def _with_arm(
     evaluate: Callable[[float, FloatArray | None, bool], ReceiverOffsets | None],
     begin: Callable[[float, np.ndarray | None], FilterStart],
 ) -> FilterStart:
-    """A start with the arm that the log shows, where it does, as nobody gave one."""
+    """A start with the lever arm that the log shows, if it does; none was given."""
     latency, shown = start.settings.gnss_latency, start.offsets
     start = replace(start, arm_status="open")
     if shown is None:
@@ -204,7 +208,7 @@ def _with_arm(
 
 
 def _doubtful(tried: list[tuple[float, ReceiverOffsets]]) -> bool:
-    """Whether estimates about these latencies, s, may have led astray."""
+    """Whether estimates about these latencies, s, may have led to a wrong one."""
     if not tried:
         return False
     last = tried[-1][1]
@@ -220,10 +224,10 @@ def _doubtful(tried: list[tuple[float, ReceiverOffsets]]) -> bool:
 
 
 def _went_along(made: list[tuple[float, ReceiverOffsets]]) -> bool:
-    """Whether estimates went where the latencies, s, that they were made about went.
+    """Whether estimates followed the latencies, s, about which they were made.
 
-    A filter that leaves out the fixes that contradict a wrong latency finds whatever it is given:
-    the next estimate lies beside it, and no two neighbours differ by much.
+    A gate that rejects the fixes that contradict a wrong latency confirms any latency: each
+    estimate is near the latency used, and no two successive ones differ by much.
     """
     if len(made) < 2:
         return False
@@ -236,9 +240,9 @@ def _went_along(made: list[tuple[float, ReceiverOffsets]]) -> bool:
 def _with_same_start(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> Callable[[float, FloatArray | None], ReceiverOffsets | None]:
-    """What is shown about a latency, s, and an arm (None: the one in use), all else being equal.
+    """Estimates about a latency, s, and an arm (None: the one in use), from one and the same start.
 
-    Another start has other noise and other errors, which likelihoods would have to be held against.
+    Likelihoods from different starts, with different noise and errors, cannot be compared.
     """
     motion = motion_from(source, config, algorithm, first.time_ns)
     fixes = first.used.rows(~outlying(first.used))
@@ -260,9 +264,10 @@ def _with_same_start(
 def _likeliest_latency(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> float:
-    """Latency about which offsets explain the fixes best, s, of `LATENCIES` and those near it."""
+    """Latency, s, with the least misfit, of `LATENCIES` and those near the best of them."""
     about = _with_same_start(source, config, algorithm, first)
 
+    @cache
     def misfit(latency: float) -> float:
         shown = about(latency, None)
         return np.inf if shown is None else shown.misfit
@@ -278,7 +283,7 @@ def motion_from(
 ) -> Increments | None:
     """Increments of the log's first part from a start on, up to a gap; None without any.
 
-    What a filter does in a gap is not what correlations are made of.
+    Across a gap a filter's errors depend on how the gap is bridged, not on latency or lever arm.
     """
     return first_increments(source, config, algorithm, start_ns, FIRST_NS, GAP_NS)
 
@@ -288,10 +293,10 @@ def white_noise(
 ) -> WhiteNoise | None:
     """White noise of positions and velocities; None where too few fixes show that of either.
 
-    From second differences of the innovations of a filter that hardly believes the fixes: what
-    lasts in them, errors of the fixes and of the navigation alike, is nearly straight over three
-    epochs and drops out. Medians leave single bad fixes aside; those that the receiver itself says
-    to be worse than usual show nothing of what it says of the others.
+    From second differences of the innovations of a filter that hardly follows the fixes: slow
+    errors, of the fixes and of the navigation alike, are nearly straight over three epochs and
+    cancel. Medians ignore single bad fixes. Fixes that the receiver itself states to be worse than
+    usual are left out, as they say nothing about the others.
     """
     settings, usual = _loose(start.settings), ~worse_than_usual(start.used)
     if start.white is not None and start.white.is_of(start.start, settings, usual):
@@ -308,7 +313,7 @@ def white_noise(
 
 
 def _scatter(time_ns: IntArray, innovation: FloatArray) -> tuple[float, float]:
-    """White noise of innovations, shape (n, 3), of one horizontal axis and of the vertical one."""
+    """White noise of innovations, shape (n, 3): of one horizontal axis, and of the vertical one."""
     there = np.isfinite(innovation[:, :2]).all(axis=1)
     time_ns, innovation = time_ns[there], innovation[there]
     steps = np.diff(time_ns)
@@ -316,19 +321,19 @@ def _scatter(time_ns: IntArray, innovation: FloatArray) -> tuple[float, float]:
     bend = np.diff(innovation, 2, axis=0)[even]
     if len(bend) < LEAST_EPOCHS:
         return np.nan, np.nan
-    # Of independent unit normals 1, -2 and 1 times make a variance of 6
+    # Second differences of white noise have 1 + 4 + 1 times its variance
     axes = np.sqrt([_median(column**2) / (MEDIAN_SQUARE * 6.0) for column in bend.T])
     return float(np.hypot(axes[0], axes[1]) / np.sqrt(2.0)), float(axes[2])
 
 
 def _median(values: FloatArray) -> float:
-    """Of those that are finite; NaN where there are too few."""
+    """Median of the finite values; NaN if there are too few."""
     good = values[np.isfinite(values)]
     return float(np.median(good)) if len(good) >= LEAST_EPOCHS else np.nan
 
 
 def _loose(settings: Settings) -> Settings:
-    """Settings of a filter with little trust in the fixes."""
+    """Settings of a filter that hardly follows the fixes."""
     return replace(
         settings,
         filter="plain-15",
@@ -339,7 +344,7 @@ def _loose(settings: Settings) -> Settings:
 
 
 def _unsized(gnss: GnssEpochs) -> GnssEpochs:
-    """Fixes without their own sigmas."""
+    """Fixes without the sigmas that the receiver states."""
     return replace(
         gnss,
         sigma_position_n=np.full_like(gnss.sigma_position_n, np.nan),

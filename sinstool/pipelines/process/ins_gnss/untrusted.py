@@ -11,12 +11,12 @@ from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.results import FilterEvent, GnssDiagnostics, UpdateColumns
 
-TOGETHER_NS = 60 * SECOND  # stretches nearer to each other than this are one
+TOGETHER_NS = 60 * SECOND  # stretches nearer to each other than this are merged
 MOST_NAMED = 5
-# Fixes that the gate may turn down before the filter, and not they, must be taken for wrong.
+# Share of rejected fixes beyond which the filter is wrong, not the fixes.
 MOST_REJECTED = 0.2
 LEAST_FIXES = 20
-# Innovations squared over what was expected: beyond these the sigmas say nothing.
+# Squared innovations over their expectation, outside of which the sigmas are wrong.
 LEAST_NIS, MOST_NIS = 0.05, 5.0
 TOO_MANY_REJECTED = "fixes-disbelieved"
 
@@ -92,7 +92,7 @@ def untrusted(
 def doubts(
     gnss: GnssDiagnostics, events: Sequence[FilterEvent]
 ) -> list[tuple[int, int, np.ndarray]]:
-    """Begin and end of the stretches that are lost, and how far filter and fixes were apart there.
+    """Begin and end of the stretches that are lost, and the differences of filter and fixes there.
 
     Returns
     -------
@@ -111,14 +111,14 @@ def doubts(
 def marked(
     updates: UpdateColumns, doubtful: Sequence[tuple[int, int, np.ndarray]]
 ) -> UpdateColumns:
-    """Smoothed answers with sigmas enlarged for the doubts of :func:`doubts`."""
+    """Smoothed solutions with sigmas enlarged in the stretches of :func:`doubts`."""
     position = updates.covariance_position_n.copy()
     velocity = updates.covariance_velocity_n.copy()
     axis = np.arange(3)
     for begin, end, far in doubtful:
         inside = np.flatnonzero((updates.time_ns >= begin) & (updates.time_ns <= end))[:, None]
         position[inside, axis, axis] += far[:3] ** 2
-        # Without velocities of the receiver: what drifts so far within the stretch
+        # Without velocities of the receiver: the drift of position over the stretch
         speed = np.maximum(far[3:], far[:3] / max((end - begin) / SECOND, 1.0))
         velocity[inside, axis, axis] += speed**2
     return replace(updates, covariance_position_n=position, covariance_velocity_n=velocity)
@@ -132,7 +132,7 @@ def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tup
         if gap:
             begin, end = event.time_ns, event.time_ns + round(event.size * SECOND)
         elif event.kind in ("restart", "covariance-lost"):
-            begin = _last_believed(gnss, event)
+            begin = _last_accepted(gnss, event)
             end = event.time_ns
         else:
             continue
@@ -143,18 +143,18 @@ def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tup
     return spans
 
 
-def _last_believed(gnss: GnssDiagnostics, event: FilterEvent) -> int:
-    """When a fix was used last before a filter restarted.
+def _last_accepted(gnss: GnssDiagnostics, event: FilterEvent) -> int:
+    """Time at which a fix was used last before a filter restarted.
 
-    The fix with which it restarts is used, and valid a little before the update that is the time of
-    the event. Velocities that come apart from positions may be believed all the while.
+    The fix with which it restarts counts as used too, and is valid a little before the time of the
+    event. Only fixes of its kind count: separate velocities may be accepted all the while.
     """
     kind = np.asarray(np.isfinite(gnss.innovation[:, :3]).any(axis=1))
     anew = np.flatnonzero(gnss.restarted & (gnss.time_ns <= event.time_ns))
-    believed = gnss.used & ~gnss.restarted & (gnss.time_ns < event.time_ns)
+    accepted = gnss.used & ~gnss.restarted & (gnss.time_ns < event.time_ns)
     if len(anew) and event.kind == "restart":
-        believed &= kind == kind[anew[-1]]
-    used = gnss.time_ns[believed]
+        accepted &= kind == kind[anew[-1]]
+    used = gnss.time_ns[accepted]
     return int(used[-1]) if len(used) else int(gnss.time_ns[0])
 
 

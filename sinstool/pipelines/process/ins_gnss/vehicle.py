@@ -1,4 +1,4 @@
-"""Motion constraints of the vehicle in a log, from an unconstrained first run."""
+"""Motion constraints of a vehicle and latency of its fixes, by a first pass over the log."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ from sinstool.pipelines.process.vehicle_used import LandVehicleUsed, VehicleUsed
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
-# Rests shorter than this in all, s, are none.
+# Rests of less than this in total, s, are ignored.
 LEAST_REST_S = 1.0
-# A rest with which a filter begins shows within so many steps of its start.
+# A rest at the start of a filter shows within so many steps.
 FIRST_STEPS = 30
-# What is said of a land vehicle: share of constraints that did not hold; a mount less certain than
-# this, deg; an axle further off, m.
+# Limits beyond which a finding tells the user: share of the constraints that did not hold; sigma of
+# the mount's yaw, deg; distance of the axle, m.
 MOST_SLID = 0.05
 VAGUE_YAW = 1.5
 LONG_VEHICLE = 8.0
-# And of wheels: a scale, a latency, s, and what of it are its sigmas; a share of slips.
+# Of wheels: error of scale; latency, s, and its number of sigmas; share of readings that slip.
 MOST_SCALE, LATE_S, LATE_SIGMAS, MOST_SLIPS = 0.01, 0.05, 3.0, 0.01
 
 
@@ -61,25 +61,25 @@ class VehicleAssumptions:
     Attributes
     ----------
     constraints : Constraints or None
-        None where nothing is; of `--vehicle none` at most the noise of an IMU that is shaken.
+        None without any; with `--vehicle none` at most the noise of an IMU that is shaken.
     rests : Rests or None
-        None where nobody looked.
+        None if they were not looked for.
+    trust : Trust or None
+        Whether its axle slides, and the mount of the IMU; None if not looked for.
     reason : str
         Why it is, or is not, taken for a land vehicle.
     forced : bool
-        The user says that it is one.
+        Whether the user gave `--vehicle land`.
     mounted : bool
-        The user says how the IMU sits in it.
+        Whether the user gave the mounting of the IMU.
     denied : tuple of Finding
-        What the log's own transforms say of that, and its motion denies.
+        About a mounting in the log's transforms that the motion contradicts.
     wheels_named : bool
-        The user names the topic of its wheels.
+        Whether the user gave the topic of its wheels.
     wheels : WheelsUsed or None
-        Whose speed is used.
+        Wheels whose speed is used.
     wander : Wander
-        Of the fixes while it stands.
-    latency : WholeLogLatency, optional
-        Of the fixes, where the whole log says more than its first part.
+        Slowly varying error of the fixes while the vehicle stands.
     """
 
     constraints: Constraints | None = None
@@ -92,15 +92,6 @@ class VehicleAssumptions:
     wheels_named: bool = False
     wheels: WheelsUsed | None = None
     wander: Wander = AS_STATED
-    latency: WholeLogLatency | None = None
-
-    def started(self, start: FilterStart) -> FilterStart:
-        """A filter's start with what the log shows of its fixes: latency, slow errors at rest."""
-        if self.latency is not None:
-            start = self.latency.used_by(start)
-        if self.constraints is None or self.wander.ordinary:
-            return start
-        return start.with_slow_position(self.wander.level, self.wander.vertical, str(self.wander))
 
     def used(self, summary: FilterSummary) -> VehicleUsed:
         """Constraints as a filter used and estimated them."""
@@ -196,7 +187,7 @@ class VehicleAssumptions:
 
     @property
     def mount(self) -> np.ndarray | None:
-        """``C_vb`` of the first run; None where no vehicle is held."""
+        """``C_vb`` of the first pass; None without constraints of a land vehicle."""
         held = self.constraints
         return None if held is None or held.vehicle is None else held.vehicle.c_vb
 
@@ -209,6 +200,29 @@ class VehicleAssumptions:
     def rest_s(self) -> float:
         """Time at rest, s."""
         return 0.0 if self.rests is None else np.count_nonzero(self.rests.at) * STEP_NS / SECOND
+
+
+@dataclass(frozen=True)
+class FirstPass:
+    """Results of a first pass over a log, for the filter that then runs over it.
+
+    Attributes
+    ----------
+    latency : WholeLogLatency or None
+        Of the fixes; None if the first part of the log shows it well enough.
+    """
+
+    vehicle: VehicleAssumptions
+    latency: WholeLogLatency | None = None
+
+    def started(self, start: FilterStart) -> FilterStart:
+        """A filter's start with this latency, and with the slow errors that fixes have at rest."""
+        if self.latency is not None:
+            start = self.latency.used_by(start)
+        wander = self.vehicle.wander
+        if self.vehicle.constraints is None or wander.ordinary:
+            return start
+        return start.with_slow_position(wander.level, wander.vertical, str(wander))
 
 
 def _of_wheels(wheels: WheelSpeedUsed) -> list[Finding]:
@@ -241,29 +255,29 @@ def _of_wheels(wheels: WheelSpeedUsed) -> list[Finding]:
     return findings
 
 
-def find_vehicle(
+def first_pass(
     source: Source,
     config: ProcessConfig,
     algorithm: ConingAlgorithm,
     start: FilterStart,
     longest_gap_s: float,
-) -> VehicleAssumptions:
-    """Constraints of a vehicle, as far as its fixes show them, and the latency of these.
+) -> FirstPass:
+    """Latency of the fixes by the whole log, and motion constraints that these fixes confirm.
 
     Parameters
     ----------
     start : FilterStart
-        Of the filter; what it withholds is not looked at.
+        Of the filter; withheld fixes are not used.
     longest_gap_s : float
-        The log is looked at up to a gap of the IMU that is longer.
+        The pass ends at the first gap of the IMU that is longer, s.
     """
     if config.filter.feedback == "none":
-        return VehicleAssumptions(reason="as --feedback is none")
+        return FirstPass(VehicleAssumptions(reason="as --feedback is none"))
     means, joined = _means(source, config, algorithm, start, longest_gap_s)
     latency = latency_of_whole_log(start, config, joined)
     if latency is not None:
         start = latency.used_by(start)
-    return replace(_constrained(source, config, start, means, joined), latency=latency)
+    return FirstPass(_constrained(source, config, start, means, joined), latency)
 
 
 def _constrained(
@@ -330,7 +344,7 @@ def _trust(
     roll, pitch, yaw = to_euler(from_dcm(c_vb)) / DEGREE
     angles = f"roll {roll:.1f}, pitch {pitch:.1f}, yaw {yaw:.1f} deg"
     trust = find_trust(means, track, c_vb, MOUNT_SIGMA)
-    # Trees are often written before anything is mounted
+    # Transforms are often written before the sensors are mounted
     by_motion = trust if trust.holds else find_trust(means, track)
     if trust.holds or not by_motion.holds:
         log_choice("mount", f"{angles} in {stated.vehicle}, by /tf_static (--mount)")
@@ -365,7 +379,7 @@ def _means(
     start: FilterStart,
     longest_gap_s: float,
 ) -> tuple[Means, list[Increments]]:
-    """Short means of the IMU from a start on, up to a gap that is longer, and joined increments."""
+    """Short means of the IMU, and its joined increments, from a start up to a longer gap."""
     stage, last_ns, joined = MeansStage(start.time_ns), start.time_ns, []
     for increments, _, _ in SegmentIncrements(source, config, algorithm).from_time(start.time_ns):
         begin_ns = int(increments.time_ns[0]) - round(float(increments.interval[0]) * SECOND)
@@ -380,7 +394,7 @@ def _means(
 def _unconstrained(
     joined: list[Increments], start: FilterStart, shaken: Constraints | None
 ) -> Track | None:
-    """The track of a smoother that assumes no more than a shaken IMU."""
+    """Smoothed track without motion constraints; only noise of a shaken IMU is assumed."""
     run = InsGnssFilter(
         start.start,
         start.settings,

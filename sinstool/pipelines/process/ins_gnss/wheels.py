@@ -23,7 +23,7 @@ LASTS_S = 2.0
 
 @dataclass(frozen=True)
 class WheelsUsed:
-    """Wheels that are held against a track.
+    """Wheels that are compared with a track.
 
     Attributes
     ----------

@@ -1,12 +1,13 @@
-"""Latency of fixes by all of a log, where its first minutes leave more open than matters.
+"""Latency of fixes by a whole log, where its first minutes do not show it well enough.
 
-In the course of a log it may change, too, where the receiver has a clock of its own.
+Over a whole log it may also change, as the receiver may have a clock of its own.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -20,28 +21,33 @@ from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.timing import FIRST_NS, LEAST_S, USED
 
-# A log so many times as long as its first part says more of the latency than that did. A shorter
-# one is asked again if that part hints that the latency changes.
+# A log this many times as long as its first part improves on the latency of that part. A shorter
+# one is used too if that part hints at a rate of the receiver's clock.
 LONGER = 1.5
-# No receiver's latency is known to less than an hour of driving shows; nor does it stay the same
-# for much longer.
+# An hour of driving shows a latency as well as it is ever known, and it does not stay the same for
+# much longer.
 LONGEST_NS = 3600 * SECOND
-# Beside the noise of a fix, a latency matters if what is not known of it, with the rate of a clock,
-# is worth so much at usual speed.
+# A latency matters if its uncertainty, with that of the clock's rate, makes positions at usual
+# speed uncertain by this share of the noise of a fix.
 MATTERS = 0.15
-# The rate of a clock is sought so often, in each of such shares of a log if it changes latency by
-# more than so much, s: errors of a filter are not linear in those of its fixes.
+# The rate of a clock is estimated at most so often; if it changes the latency by more than FAR_S,
+# in the first quarter of the log first, then in its first half: errors of a filter are not linear
+# in those of its fixes.
 ROUNDS, SHARES, FAR_S = 6, (0.25, 0.5, 1.0), 0.1
 
 
 @dataclass(frozen=True)
 class WholeLogLatency:
-    """A latency, s, and what is known of it and of the lever arm beside it.
+    """Latency by a whole log.
 
     Attributes
     ----------
+    latency_s : float
+        The latency to use, s.
+    offsets : ReceiverOffsets
+        The estimate about it, with its sigma and the lever arm.
     clock : ClockRate
-        Of the receiver, by which its stamps are to be put right.
+        Of the receiver: its stamps are to be corrected by this rate.
     """
 
     latency_s: float
@@ -51,7 +57,8 @@ class WholeLogLatency:
     def used_by(self, start: FilterStart) -> FilterStart:
         """A start with this latency.
 
-        Its position is that of a fix, which was valid earlier or later than it was taken to be.
+        The position of a start is that of a fix, which with another latency is valid at another
+        time: its covariance grows by the distance moved in between.
         """
         begun, settings = start.start, start.settings
         latency = self.latency_s + self.clock.latency_at(start.time_ns)
@@ -61,7 +68,7 @@ class WholeLogLatency:
             start,
             settings=replace(settings, gnss_latency=self.latency_s),
             start=replace(begun, covariance_position_n=covariance),
-            gnss=self.clock.put_right(start.gnss),
+            gnss=self.clock.corrected(start.gnss),
             clock=start.clock.plus(self.clock),
             offsets=self.offsets,
             latency_status="found",
@@ -71,12 +78,20 @@ class WholeLogLatency:
 def latency_of_whole_log(
     start: FilterStart, config: ProcessConfig, joined: Sequence[Increments]
 ) -> WholeLogLatency | None:
-    """The latency by all of a log; None where its first part leaves nothing open that matters.
+    """Latency by the whole log.
 
     Parameters
     ----------
+    start : FilterStart
+        With the estimate by the first part of the log.
     joined : sequence of Increments
         Of the whole log from the start on, up to a long gap.
+
+    Returns
+    -------
+    WholeLogLatency or None
+        None if the latency is given, if the first part shows it well enough, or if the estimate
+        does not converge.
     """
     shown, arm_b = start.offsets, np.asarray(start.settings.lever_arm_b)
     if start.latency_status == "given" or shown is None or not joined:
@@ -84,7 +99,7 @@ def latency_of_whole_log(
     begin_ns, end_ns = int(joined[0].time_ns[0]), int(joined[-1].time_ns[-1])
     if end_ns - begin_ns < LONGER * FIRST_NS and not shown.clock.hinted:
         return None
-    # A clock that runs evenly is off by so much, as a root mean square, about the middle
+    # Root mean square, over the log, of the change of latency by a usual rate of clocks
     changes = USUAL_RATE * (end_ns - begin_ns) / SECOND / np.sqrt(12.0)
     unknown = float(np.hypot(shown.sigma_s, changes))
     if unknown * _usual_speed(start.used) < MATTERS * start.fix_sigma_m:
@@ -94,20 +109,23 @@ def latency_of_whole_log(
     assumed_b, control = stated_b or np.zeros(3), start.settings.control
     far = outlying(start.used)
 
+    @cache  # both searches below begin with the same estimate
     def about(
-        latency: float, clock: ClockRate, gated: bool, share: float = 1.0
+        latency: float, clock: ClockRate, gated: bool, share: float
     ) -> ReceiverOffsets | None:
         parts = [p for p in joined if p.time_ns[0] < begin_ns + share * span_ns]
         gate = control if gated else replace(control, gate_probability=1.0)
         settings = replace(start.settings, gnss_latency=latency, control=gate)
-        fixes = clock.put_right(start.used if gated else start.used.rows(~far))
+        fixes = clock.corrected(start.used if gated else start.used.rows(~far))
         return estimate_offsets(
             start.start, settings, parts, fixes, assumed_b, stated_b is not None
         )
 
     first = start.settings.gnss_latency
-    clock = _clock(lambda so_far, share: about(first, so_far, False, share))
-    used, found, agrees = settle(lambda latency, _arm_b, gated: about(latency, clock, gated), first)
+    clock = _clock_rate(lambda so_far, share: about(first, so_far, False, share))
+    used, found, agrees = settle(
+        lambda latency, _arm_b, gated: about(latency, clock, gated, 1.0), first
+    )
     if found is None or not agrees or (found.sigma_s > shown.sigma_s and clock.rate == 0.0):
         return None
     if start.arm_status != "given":
@@ -117,13 +135,19 @@ def latency_of_whole_log(
     return WholeLogLatency(used, found, clock)
 
 
-def _clock(about: Callable[[ClockRate, float], ReceiverOffsets | None]) -> ClockRate:
-    """The rate of the receiver's clock with which none is left, at first in a part of the log.
+def _clock_rate(about: Callable[[ClockRate, float], ReceiverOffsets | None]) -> ClockRate:
+    """Rate of the receiver's clock, iterated until stamps corrected by it show none.
 
     Parameters
     ----------
     about : callable
-        Takes what is known of the clock, and the share of the log that is to be looked at.
+        Takes the rate so far, and the share of the log to use; returns the estimate with stamps
+        corrected by that rate.
+
+    Returns
+    -------
+    ClockRate
+        `STEADY` if the log shows none.
     """
     shown = about(STEADY, 1.0)
     if shown is None or not shown.clock.hinted:
@@ -135,18 +159,20 @@ def _clock(about: Callable[[ClockRate, float], ReceiverOffsets | None]) -> Clock
             shown = about(clock, share)
             if shown is None:
                 return STEADY
-            # The last is no more than chance may make, but says how well the sum is known
+            # The last one is within its sigma, which is that of the sum
             clock = clock.plus(shown.clock)
             if not shown.clock.hinted:
                 break
-    return clock if clock.shown else STEADY
+    return clock if clock.significant else STEADY
 
 
 def _usual_speed(gnss: GnssEpochs) -> float:
-    """Root mean square of speed from fix to fix, of those a second or more apart, m/s."""
+    """Root mean square of the speed between the first fixes of each second, m/s."""
     seconds, place = track_of(gnss.rows(np.flatnonzero(gnss.has_position)))
     if len(seconds) < 2:
         return 0.0
-    of = np.unique(np.floor(seconds), return_index=True)[1]
-    way = np.linalg.norm(np.diff(place[of], axis=0), axis=1)
-    return float(np.sqrt(np.mean(np.square(way / np.diff(seconds[of]))))) if len(of) > 1 else 0.0
+    first = np.unique(np.floor(seconds), return_index=True)[1]
+    if len(first) < 2:
+        return 0.0
+    way = np.linalg.norm(np.diff(place[first], axis=0), axis=1)
+    return float(np.sqrt(np.mean(np.square(way / np.diff(seconds[first])))))

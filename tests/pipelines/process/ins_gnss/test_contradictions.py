@@ -35,8 +35,8 @@ def test_only_motion_makes_up_for_another_clock(status, sigma_s, contradicts, tr
     assert not of_another_clock([Finding("other", "else")], start)
 
 
-def test_a_wrong_clock_is_told_once(tmp_path):
-    """By the survey, and again by the run that it spoils, before."""
+def test_a_wrong_clock_is_reported_once(tmp_path):
+    """The survey reported it, and the run that it spoils reported it again."""
     log = simulated(
         tmp_path / "log.mcap", "drive", "--duration", "60", "--still", "55", "--grade", "mems",
         "--rate", "50", "--seed", "3", "--baro-rate", "0",
@@ -50,8 +50,8 @@ def test_a_wrong_clock_is_told_once(tmp_path):
     assert "leave --gnss-clock-offset out" in told[0]["answer"]
 
 
-def test_rejected_fixes_are_told_once(tmp_path):
-    """Where most fixes are rejected, that says all that their number does."""
+def test_rejected_fixes_are_reported_once(tmp_path):
+    """Where most fixes are rejected, one finding says so."""
     log = simulated(
         tmp_path / "log.mcap", "drive", "--duration", "120", "--still", "20", "--grade", "mems",
         "--rate", "50", "--seed", "3", "--baro-rate", "0",

@@ -22,6 +22,7 @@ from sinstool.pipelines.process.ins_gnss import (
     likelier_grade,
     start,
 )
+from sinstool.pipelines.process.ins_gnss.imu_drift import NoiseFactors
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit
 from sinstool.pipelines.process.ins_gnss.likelier_grade import clearly_likelier, uncalibrated_share
 from sinstool.survey.grade import ImuGrade, sensor_grade
@@ -340,6 +341,42 @@ def test_another_grade_keeps_a_latency_that_explains_the_fixes_better(monkeypatc
     assert first.grade.aligned_as == ("mems" if used == "kept" else None)
 
 
+@pytest.mark.parametrize(
+    ("costs", "used"),
+    [((30.0, 20.0), "regraded"), ((20.0, 30.0), "anew"), (None, "before")],
+    ids=["fixes fit worse", "fixes fit better", "no start"],
+)
+def test_a_better_grade_by_drift_takes_no_start_that_fits_the_fixes_worse(monkeypatch, costs, used):
+    """Nor does it end the run where its first attitude shows no start."""
+    tactical = ImuGrade("tactical", "by its noise")
+
+    def begun(how, grade=tactical):
+        return Choice(how, grade, SimpleNamespace(imu=how, control=None))
+
+    def regraded(_, __, ___, grade):
+        if costs is None:
+            raise AlignmentError("no start")
+        return begun("first", grade)
+
+    ordinary = NoiseFactors(1.0, 1.0)
+    drift = SimpleNamespace(ratio=1.0, factors=lambda: ordinary)
+    fits = SimpleNamespace(factors=ordinary)
+    monkeypatch.setattr(start, "_as_quiet_as_in_motion", lambda *args: (args[-1], drift))
+    monkeypatch.setattr(start, "GradeFits", lambda *_: fits)
+    monkeypatch.setattr(
+        start, "_calibrated", lambda *_: (begun("first"), begun("before"), drift, fits)
+    )
+    monkeypatch.setattr(start, "better_grade", lambda *_: "navigation")
+    monkeypatch.setattr(start, "regraded", regraded)
+    monkeypatch.setattr(start, "as_graded", lambda *args: begun("regraded", args[-1]))
+    monkeypatch.setattr(start, "timed", lambda *args: begun("anew", args[-1].grade))
+    cost = dict(zip(("anew", "regraded"), costs or (), strict=False))
+    monkeypatch.setattr(start, "fit", lambda _, __, ___, how: Fit(1.0, cost[how], 100))
+    made = start._drifting(None, ProcessConfig(), None, begun("first"), begun("before"))
+    assert made.how == used
+    assert made.grade.grade == ("tactical" if costs is None else "navigation")
+
+
 @pytest.mark.slow
 def test_sensors_of_consumers_are_known_as_well_as_they_say(tmp_path):
     """Tilts were 2.1 sigmas off (rms), as scale factors of 0.8 % and angles of 8 mrad were not in
@@ -382,7 +419,7 @@ def test_a_drift_makes_no_better_imu_that_innovations_deny(tmp_path, seed):
     assert start_of(log, gnss={"gnss_latency": 0.0}).grade.grade in ("consumer", "mems")
 
 
-def test_a_configured_grade_that_the_drift_denies_is_not_believed_in_silence(tmp_path):
+def test_a_configured_grade_that_the_drift_contradicts_is_reported(tmp_path):
     """Status 0 before, with headings 5 sigmas off."""
     truth = drive(9, 260.0, 20.0)
     data = record(truth, GRADES["industrial"], 32, gnss_rate=10.0, sigma=0.5)
@@ -460,7 +497,7 @@ def test_fictitious_noise_is_added_for_mems_or_as_asked_for(tmp_path, grade, opt
 
 
 @pytest.mark.parametrize(("options", "has"), [({}, True), ({"filter": "network-26"}, False)])
-def test_misalignments_are_found_and_told(tmp_path, options, has):
+def test_misalignments_are_found_and_reported(tmp_path, options, has):
     """Of a flight that rolls and pitches as it turns; truth: the simulation's own matrix."""
     log = simulated(
         tmp_path / "log.mcap", "manoeuvring-flight", "--duration", "900", "--grade", "tactical",

@@ -12,12 +12,12 @@ from sinstool.core.streams import GnssEpochs, take_rows
 from sinstool.methods.ins_gnss import offset_scores, receiver_offsets
 from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.methods.ins_gnss.receiver_offsets import (
-    LATENCY_S,
     ReceiverOffsets,
     estimate_offsets,
     likeliest,
     settle,
 )
+from sinstool.methods.receiver_priors import LATENCY_S
 from sinstool.pipelines.process.ins_gnss import timing
 from tests.helpers.filter_logs import first_start_of, run, start_of
 from tests.helpers.unseen_drives import (
@@ -90,7 +90,7 @@ def test_straight_on_at_one_speed_shows_nothing(tmp_path):
         assert named(result) == {}
 
 
-def test_smooth_turns_told_the_truth_are_not_contradicted(tmp_path, calm):
+def test_right_settings_are_not_contradicted_by_smooth_turns(tmp_path, calm):
     for seed, latency, sigma_v in ((1, 0.0, None), (2, 0.1, 0.05)):
         log = logged(tmp_path, calm, seed, gnss_rate=4.0, sigma_v=sigma_v, latency=latency)
         result, _ = run(log, input=dict(KIND), gnss=given(latency))
@@ -220,7 +220,7 @@ def test_a_wrong_latency_is_named(tmp_path, road, wrong):
 
 
 @pytest.mark.slow
-def test_a_wrong_latency_that_turns_the_attitude_is_told(tmp_path):
+def test_a_wrong_latency_that_turns_the_attitude_is_reported(tmp_path):
     """A walker's velocities of another time fit some heading or other: 24 to 172 deg off."""
     truth = walk(2, 300.0)
     noise = {"sigma": 0.87, "sigma_v": 0.21}
@@ -234,7 +234,7 @@ def test_a_wrong_latency_that_turns_the_attitude_is_told(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ahead", [0.9, -2.0])
-def test_fixes_of_another_time_are_told_where_no_latency_explains_them(tmp_path, ahead):
+def test_fixes_of_another_time_that_no_latency_explains_are_reported(tmp_path, ahead):
     """Some latency is found, with an antenna elsewhere and a heading that is anything."""
     truth = walk(1, 300.0)
     noise = {"sigma": 0.3, "sigma_v": 0.1}
@@ -328,7 +328,7 @@ def test_an_estimate_that_runs_away_is_said_not_to_agree():
 
 
 @pytest.mark.parametrize("rows", [40.0, 2700.0])
-def test_estimates_that_lead_away_from_the_likeliest_latency_are_not_believed(rows):
+def test_estimates_that_lead_away_from_the_likeliest_latency_are_not_used(rows):
     """Slow motion, innovations that follow each other: 0.54 s was used where 0.08 s was true."""
 
     def about(latency, *_):
@@ -468,7 +468,7 @@ def test_a_filter_that_diverges_shows_no_offsets(tmp_path, road, monkeypatch):
     assert estimate_offsets(first.start, first.settings, [motion], first.used) is None
 
 
-def test_what_does_not_settle_is_told(tmp_path, road, monkeypatch):
+def test_a_latency_that_does_not_converge_is_reported(tmp_path, road, monkeypatch):
     log = logged(tmp_path, road, 4)
 
     def never(begin, settings, parts, gnss, assumed=None, given=True):
@@ -561,7 +561,7 @@ def test_a_position_held_at_rest_has_no_outliers(road):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("right", [True, False])
-def test_a_wrong_lever_arm_that_turns_the_attitude_is_told(tmp_path, right):
+def test_a_wrong_lever_arm_that_turns_the_attitude_is_reported(tmp_path, right):
     """A walker turns quickly about an antenna: 155 deg off at 20 sigmas, status 0."""
     truth = walk(3, 300.0)
     noise = {"sigma": 0.24, "sigma_v": 0.28}

@@ -71,7 +71,7 @@ def test_scale_is_on_all_that_the_receiver_says():
     model, how = gnss_model(gnss, config)
     whole = np.hypot(model.position_white[0], model.position_markov[0])
     assert whole == pytest.approx(6.0, rel=1e-2)
-    assert "as the receiver says" in how
+    assert "as the receiver states" in how
 
 
 def test_what_a_receiver_does_not_give_is_not_said_to_be_assumed():

@@ -157,7 +157,7 @@ def test_stops_within_outages_are_shaken_too(tmp_path, vehicle):
     assert 0.5 < np.mean(squares) < 1.3
 
 
-def test_fixes_that_wander_while_it_stands_are_believed_less(tmp_path):
+def test_fixes_that_wander_at_rest_get_a_larger_sigma(tmp_path):
     """Heights of a parked car that go up and down by more than the receiver says."""
     truth = drive(3, 240.0, rest=150.0)
     data = record(truth, GRADES["industrial"], 3, gnss_rate=2.0, sigma=0.3, sigma_v=0.05)
