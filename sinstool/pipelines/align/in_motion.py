@@ -21,7 +21,6 @@ from sinstool.methods.alignment.in_motion import (
     align_in_motion,
     gnss_fixes,
 )
-from sinstool.methods.alignment.inflight import OPEN_LEVER_SIGMA
 from sinstool.methods.alignment.inflight_types import (
     REFUSE_SIGMA,
     AlignmentSettings,
@@ -31,6 +30,7 @@ from sinstool.methods.alignment.inflight_types import (
 )
 from sinstool.methods.alignment.span_reader import MOST_SAMPLES, SpanReader
 from sinstool.methods.allan.coefficients import as_measured
+from sinstool.methods.receiver_priors import ARM_USUAL_M
 from sinstool.methods.sensor_errors import (
     IMU_GRADES,
     LOW_COST,
@@ -404,7 +404,7 @@ def _settings(
         kappa=options.kappa,
         refine=options.refine == "kf",
         # Where nobody says where the antenna is, it may be a metre away
-        refine_lever_sigma=OPEN_LEVER_SIGMA if gnss.lever_arm is None else 0.0,
+        refine_lever_sigma=ARM_USUAL_M if gnss.lever_arm is None else 0.0,
         at=at,
         gyro_limit=None if options.gyro_range is None else options.gyro_range * DEGREE,
         accel_limit=options.accel_range,
