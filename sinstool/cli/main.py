@@ -95,7 +95,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # To look for plugins it reads the metadata of every installed package.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    # Of numbers that are none; where they matter they are counted and named in our own words.
+    # numpy's warnings of NaN and infinity; where these matter they are counted and reported.
     if not sys.warnoptions:
         warnings.simplefilter("ignore", RuntimeWarning)
     warnings.showwarning = _warn
@@ -106,8 +106,8 @@ def main() -> None:
         with completed_outputs() as outputs:
             _run(outputs)
     finally:
-        # What lives now is given back by the operating system at once; taken apart object by
-        # object it would take as long as a second of a log.
+        # The operating system frees all memory at once; freeing object by object would take as long
+        # as a second of a log.
         gc.freeze()
 
 
@@ -123,14 +123,14 @@ def _warn(message: Warning | str, category: type[Warning], *where: Any, **more: 
 
 
 class _StandardOutput:
-    """Standard output that no name out of a log can command, and that ends none.
+    """Standard output without control characters, which may be closed while a command runs.
 
-    Control characters do not come through, characters that its encoding lacks are spelled out,
-    and when nobody reads it any more, nothing happens.
+    Control characters, as in a log's names, are replaced; characters that the encoding lacks are
+    spelled out; and once nobody reads the output any more the rest is discarded.
     """
 
     def __init__(self, stream: io.TextIOWrapper) -> None:
-        # ASCII mostly means that nobody said what it is; click would go past us and write UTF-8
+        # ASCII mostly means that no encoding was set; click would bypass this class and write UTF-8
         bare = stream.encoding.lower().replace("_", "-") in ("ascii", "us-ascii", "ansi-x3.4-1968")
         encoding = "utf-8" if bare else stream.encoding
         stream.reconfigure(encoding=encoding, errors="backslashreplace")
@@ -153,7 +153,7 @@ class _StandardOutput:
         try:
             yield
         except BrokenPipeError:
-            # `head` has read enough, which is no error.
+            # As `head` does once it has read enough: no error.
             self.end()
         except OSError as exc:
             raise OSError(exc.errno, exc.strerror, "standard output") from exc
@@ -175,7 +175,8 @@ def _end_well_on_signals() -> None:
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal last
         now = time.monotonic()
-        # Terminals and what runs us often both send one; the second must not stop the tidying up.
+        # A terminal and the program that runs sinstool often both send one; the second must not
+        # stop the cleaning up.
         if last < 0.0 or now - last > 1.0:
             last = now
             raise KeyboardInterrupt
@@ -200,12 +201,12 @@ def _written(outputs: Sequence[Path]) -> str:
 
 
 def _fail(error: str, status: int) -> NoReturn:
-    """Say what went wrong in one line, with ``--json`` as an object on stdout too, and exit."""
+    """Print what went wrong in one line, with ``--json`` as an object on stdout too, and exit."""
     if "--json" in sys.argv[1:]:
         from sinstool.cli.console import print_json
 
         failure = {"schema": "sinstool.error/1", "status": "failed", "exit": status}
-        # Where stdout is what failed, the line below has to do.
+        # If stdout itself failed, only the line below is printed.
         with suppress(OSError):
             print_json({**failure, "error": error})
     click.echo(f"sinstool: {one_line(error)}", err=True)
@@ -213,7 +214,7 @@ def _fail(error: str, status: int) -> NoReturn:
 
 
 def _usage(exc: click.ClickException) -> str:
-    """Say what is wrong with the arguments, and where the right ones are listed."""
+    """Print what is wrong with the arguments, and where the right ones are listed."""
     message = exc.format_message().rstrip(".")
     ctx = exc.ctx if isinstance(exc, click.UsageError) else None
     if ctx is None:

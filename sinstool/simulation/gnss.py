@@ -109,7 +109,7 @@ class GnssSamples:
     velocity_n : ndarray, shape (m, 3)
         NED, m/s; NaN where missing.
     sigma_position, sigma_velocity : ndarray, shape (m, 3)
-        What the receiver would say of itself: that of the error model, faults unknown; m, m/s.
+        As the receiver would state it: that of the error model, without faults; m, m/s.
     outlier : ndarray of bool, shape (m,)
     truth : Moments
         Of the antenna, at the times at which the fixes are valid.

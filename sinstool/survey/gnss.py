@@ -1,7 +1,7 @@
 """GNSS of a log: the receiver and the velocity to use, checked against each other.
 
-Every message is either used or counted, and units that cannot be right are refused with the option
-that answers them.
+Every message is either used or counted, and units that cannot be right are refused, with the option
+that gives them.
 """
 
 from __future__ import annotations
@@ -35,15 +35,16 @@ S = TypeVar("S", bound=Stream)
 # Position and velocity of one epoch may be stamped apart by the time between their messages.
 SAME_EPOCH_NS = 20_000_000
 PROBE = 100
-# Of the seconds of the receiver that has the most: one with fewer is no choice.
+# A receiver is not chosen if it covers less than this share of the seconds of the one with the
+# most.
 NEARLY_ALL = 0.8
-# A velocity whose down part is exactly zero, while height moves by this, has none.
+# A down velocity that is always exactly zero, while height changes by this, is none.
 FLAT_HEIGHT_M = 5.0
-# Beyond what any vehicle with an IMU on Earth does, though not beyond what damaged bytes say.
+# Faster than any vehicle with an IMU on Earth, as damaged bytes may be.
 FASTEST_M_S = 2e4
-# The kinds of finding about a velocity that is none over ground: left out, or used as configured.
+# Kinds of findings about a velocity that is not over ground: left out, or used as configured.
 LEFT_OUT, CONTRADICTS = "velocity-left-out", "velocity-contradicts"
-# A standard deviation above this says "unknown", however much larger it is.
+# A standard deviation above this means "unknown", however much larger it is.
 UNKNOWN_SIGMA = 1e6
 
 
@@ -71,7 +72,7 @@ def read_gnss(
     ]
     velocity_topic = options.velocity_topic
     if velocity_topic is None and options.gnss_topic == NONE:
-        velocity_topic = NONE  # who wants no GNSS wants none of the receiver
+        velocity_topic = NONE  # without GNSS its velocity is not used either
     speeds = optional_topics(log, "--velocity-topic", velocity_topic, *VELOCITY_TYPES)
     receiver, findings = _best_receiver(receivers, tuple(speeds))
     fixes = receiver.stream
@@ -113,7 +114,7 @@ NO_EVIDENCE = Agreement()
 
 @dataclass(frozen=True)
 class _Read(Generic[S]):
-    """A topic that may be used: its messages, None where it has none that are any good.
+    """A topic that may be used: its messages, None where none of them is usable.
 
     `agreement` and `frame` are of velocities: how they fit the fixes, and what is odd about the
     names of their frames.
@@ -217,7 +218,7 @@ def _velocities(
         findings += more
     fits = NO_EVIDENCE
     if fixes is not None and velocity is not None:
-        # While a receiver hangs its fixes deny any velocity
+        # While a receiver hangs its fixes contradict any velocity
         stuck = stuck_fixes(fixes)
         moving = velocity.rows(~stuck_velocities(fixes, stuck, velocity))
         fits = agreement(fixes.rows(~stuck), moving)
@@ -232,7 +233,8 @@ def _chosen_velocity(
 ) -> tuple[_Read[Velocity], list[Finding]]:
     """The velocity to use, and findings about those left out.
 
-    Fixes decide; where they show too little, names of frames do. One that the user names is used.
+    Fixes decide; where they show too little, names of frames do. A topic that the user names is
+    used in any case.
     """
     findings: list[Finding] = []
     usable = []
@@ -283,10 +285,10 @@ def _of_vehicles(velocity_n: np.ndarray) -> np.ndarray:
 
 
 def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None) -> None:
-    """Refuse latitude and longitude that are radians.
+    """Refuse latitude and longitude in radians.
 
-    Small numbers alone are no proof: there are places near 0 N, 0 E. Where velocity is known,
-    the distance covered decides.
+    Small numbers alone are no proof: there are places near 0 N, 0 E. Where velocity is known, the
+    distance covered decides.
     """
     latitude, longitude = fixes.latitude / DEGREE, fixes.longitude / DEGREE
     if np.abs(latitude).max() > np.pi / 2 or np.abs(longitude).max() > np.pi:
@@ -298,7 +300,7 @@ def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None)
         north, east = horizontal_metres(
             np.diff(fixes.latitude), wrapped(np.diff(fixes.longitude)), fixes.latitude[1:]
         )
-        # the leap of one bad fix is no way that was covered
+        # a jump to one bad fix is not a distance that was covered
         way = np.hypot(north, east)
         covered = float(np.sum(np.minimum(way, 10.0 * max(travelled / len(way), 1.0))))
         if travelled > 20.0 and covered > 0.25 * travelled:
@@ -312,7 +314,7 @@ def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None)
 
 
 def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
-    """Refuse angles that are on no globe, and heights that no vehicle has."""
+    """Refuse latitudes, longitudes and heights that no vehicle can have."""
     latitude = float(median(np.abs(fixes.latitude[:PROBE])) / DEGREE)
     longitude = float(median(np.abs(fixes.longitude[:PROBE])) / DEGREE)
     if latitude > 90.0 or longitude > 360.0:
@@ -334,7 +336,7 @@ def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
 
 
 def _without_flat(fixes: Gnss, velocity: Velocity, topic: str) -> tuple[Velocity, list[Finding]]:
-    """Take out down velocities that are all exactly zero although height moves."""
+    """Remove down velocities that are all exactly zero although height changes."""
     heights = fixes.height[np.isfinite(fixes.height)]
     down = velocity.velocity_n[:, 2]
     if len(heights) < 2 or np.any(down != 0.0) or np.ptp(heights) <= FLAT_HEIGHT_M:
@@ -436,7 +438,7 @@ def _partners(fixes_ns: np.ndarray, velocity_ns: np.ndarray) -> tuple[np.ndarray
 
 
 def _sigma(covariance: np.ndarray, stated: np.ndarray | bool) -> np.ndarray:
-    """Roots of the diagonal; NaN where it says nothing."""
+    """Roots of the diagonal; NaN where the covariance is unknown."""
     variance = np.einsum("nii->ni", covariance)
     good = stated & np.isfinite(variance) & (variance > 0.0)
     return np.minimum(np.sqrt(np.where(good, variance, np.nan)), UNKNOWN_SIGMA)

@@ -1,8 +1,8 @@
 """The first pass over a log: a survey of its Imu data before any computation.
 
-Rates, gaps, clocks, units, stillness, saturation: found in one pass with state that does not
-depend on where blocks end. Both `sinstool info` and `sinstool process` begin here, so that what
-`info` says is what `process` acts on.
+Rates, gaps, clocks, units, rests and saturation are found in one pass with state that does not
+depend on where blocks end. Both `sinstool info` and `sinstool process` begin here, so that `info`
+shows what `process` uses.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ HELD_RUN, CHANGING = 20, 0.5
 # occasions. Of a sine 0.8 times as many lie there, and the steps to them are twice those from one
 # to another.
 CROWDED, CROWDED_RUN, CROWDED_TIMES, CROWDED_STEP = 1.5, 3.0, 3.0, 4.0
-# A clock was set back where samples alternate between two times this often for each step back.
+# A clock was set back if samples alternate between two times this often for each step back.
 SET_BACK_RATIO = 10
 
 
@@ -123,9 +123,9 @@ class Survey:
     saturated : tuple of str
         Axes that stay at their largest value for several samples.
     gyro_stops : ndarray, shape (2, 3)
-        From what rate on, rad/s, positive or negative, each gyro may be at the end of its range:
-        where its largest values lie close together, as a calibration leaves them, but a motor that
-        turns as fast as it can makes them, too. Infinite where they do not.
+        Rate, rad/s, positive or negative, from which each gyro may be at the end of its range, as
+        its largest values lie close together. A calibration of a saturated gyro does that, but so
+        does a motor at its largest speed. Infinite where they do not.
     specific_force_median : float
         Median norm, m/s^2.
     lead_in : StillSpan or None
@@ -137,7 +137,7 @@ class Survey:
     orientation_constant : bool
         It is the same in every message.
     orientation_fault : OrientationFault or None
-        What the other sensors say against it.
+        How it contradicts the other sensors.
     frame_id : str
         Of the first message.
     gyro_unit : UnitEvidence

@@ -17,12 +17,12 @@ from sinstool.io.readers.message_types import MAGNETIC_TYPE
 from sinstool.io.readers.streams import Losses, frame_id, read_field
 from sinstool.io.readers.topics import NONE, ImuTopic, optional_topics
 
-# Samples closer together are averaged, so that a log's take little more memory than its epochs.
-# Within so little time bodies hardly turn: at 10 rad/s the mean is 0.2 % too small.
+# Samples closer together are averaged, so that those of a log take little more memory than its
+# epochs. In this time bodies hardly turn: at 10 rad/s the mean is 0.2 % too small.
 BIN_S = 0.02
-# The Earth's field is 22 to 67 uT; what is fixed to a body adds to it, or takes off, T.
+# The Earth's field is 22 to 67 uT; magnetised iron in the body adds to it, or subtracts, T.
 SIZES = (15e-6, 100e-6)
-# What a tesla is in units that logs hold, and their names.
+# A tesla in the units that logs use, and their names.
 TESLA = {"T": 1.0, "G": 1e4, "uT": 1e6, "mG": 1e7, "nT": 1e9}
 
 
@@ -37,7 +37,7 @@ class MagneticTopic:
     reason : str
         Why, as the end of a sentence: "as the log has ...".
     doubtful : bool
-        There were several, and the log says little of which is meant.
+        There were several, and the log hardly shows which to use.
     """
 
     topic: str
@@ -47,7 +47,7 @@ class MagneticTopic:
 
 
 def magnetic_channels(log: Log) -> list[int]:
-    """Channels of magnetometers, but for outputs of ours."""
+    """Channels of magnetometers, except those that sinstool wrote."""
     topics = optional_topics(log, "--magnetometer", None, MAGNETIC_TYPE)
     return [channel.id for channels in topics.values() for channel in channels]
 
@@ -105,7 +105,7 @@ def _frame(log: Log, channels: tuple[Channel, ...]) -> str:
 
 
 def _shared(one: str, other: str) -> int:
-    """Names that two topics have in common from the left."""
+    """How many parts of their names two topics have in common, from the left."""
     pairs = zip(one.split("/"), other.split("/"), strict=False)
     return len(list(takewhile(lambda pair: pair[0] == pair[1], pairs)))
 
@@ -159,7 +159,7 @@ def read_magnetometer(
 
 
 def suspected_unit(size: float) -> str:
-    """The unit in which a field of a size is the Earth's; T where it is so in none."""
+    """The unit with which the size of a field would be the Earth's; T if no unit does that."""
     return next((u for u, n in TESLA.items() if SIZES[0] <= size / n < SIZES[1]), "T")
 
 

@@ -1,6 +1,6 @@
 """Counts of the first pass over a log: histograms and extremes of ordered samples.
 
-All state is of bounded size (but for 112 bytes each half second) and does not depend on where
+All state is of bounded size (except for 112 bytes each half second) and does not depend on where
 blocks end.
 """
 
@@ -59,7 +59,7 @@ class Tally:
     log_descents: int = 0
 
     def wants_orientation(self) -> bool:
-        """Whether more can tell anything: of the first seconds, or whether it varies."""
+        """Whether more orientations are of use: of the first seconds, or to see if they vary."""
         if self.orientation is None or not self.orientation_varies:
             return True
         return self.last_ns < self.orientation_ns + ORIENTED_NS
@@ -94,13 +94,14 @@ class Tally:
         place = ((np.log(steps) - _LOW) / _STEP).astype(np.int64)
         np.clip(place, 0, _BINS - 1, out=place)
         self.histogram += np.bincount(place, minlength=_BINS)
-        # Whole nanoseconds in float64 add exactly up to 2^53, so the order of blocks cannot show.
+        # Whole nanoseconds in float64 add exactly up to 2^53, so the order of blocks does not
+        # matter.
         self.sums += np.bincount(place, weights=steps, minlength=_BINS).astype(np.int64)
         self.shortest = min(self.shortest, int(steps.min()))
         self.longest = max(self.longest, int(steps.max()))
         start, step = times[:-1], steps
         if len(self.long_step) == MAX_GAPS_LISTED:
-            # of equal intervals the first stays, so only longer ones can take a place
+            # of equal intervals the first stays, so only longer ones can replace one
             longer = steps > self.long_step.min()
             start, step = start[longer], step[longer]
             if not len(step):
@@ -173,14 +174,14 @@ class Tally:
         if not total:
             return 0.0
         place = int(np.searchsorted(np.cumsum(self.force), 0.5 * total))
-        if place == _FORCE_BINS - 1:  # of increments that are none, say: all that is larger
+        if place == _FORCE_BINS - 1:  # all that is larger, as of wrong increments
             return float(np.median(np.linalg.norm(self.windows.finish().accel, axis=1)))
         return (place + 0.5) * _FORCE_STEP
 
 
 @part()
 def _crowd(value, before, of):  # type: ignore[no-untyped-def]
-    """Count a value beside the largest; the columns are those of ``crowds`` in `_extremes`."""
+    """Count a value close to the largest; the columns are those of ``crowds`` in `_extremes`."""
     if value > of[0]:
         if of[0] < CROWD * value:
             of[2] = of[1] if of[0] >= BELOW_CROWD * value else 0.0
@@ -201,16 +202,16 @@ def _crowd(value, before, of):  # type: ignore[no-untyped-def]
 def _extremes(gyro, accel, state, crowds):  # type: ignore[no-untyped-def]
     """Largest magnitude per axis and the longest run at it; counts repeats of all six values.
 
-    A repeated sample is no measurement and makes no run longer.
+    A repeated sample is no measurement and does not extend a run.
 
     Columns of ``state``: largest magnitude, longest run at it, present run, last value, smallest
-    step from one value to another, values at the largest magnitude and just below it, of all others
-    how many there are and how many differ from the one before, and the value that is largest. Its
-    sign counts: integers end at -32768 and 32767, so a stop is just below the other.
+    step from one value to another, number of values at the largest magnitude and just below it, of
+    all others their number and how many differ from the one before, and the largest value with its
+    sign. The sign counts: integers end at -32768 and 32767, so one stop is just below the other.
 
-    ``crowds``, of positive and of negative rates of each axis: the largest, how many are above
-    `CROWD` of it, of those below how many are above `BELOW_CROWD`, how often the first were reached
-    from below, and the sums of these steps, and of those from one to another.
+    ``crowds``, of positive and of negative rates of each axis: the largest; how many are above
+    `CROWD` of it; of those below, how many are above `BELOW_CROWD` of it; how often the first were
+    reached from below; the sums of these steps, and of the steps between them.
     """
     held = 0
     for i in range(gyro.shape[0]):
@@ -230,7 +231,7 @@ def _extremes(gyro, accel, state, crowds):  # type: ignore[no-untyped-def]
             size = abs(value)
             near = NEAR_STEPS * state[a, 4]
             if size > state[a, 0]:
-                # What was the largest is below it now: just below, or one of the others
+                # The former largest value is now below it: just below, or one of the others
                 if size > state[a, 0] + near or value * state[a, 9] < 0.0:
                     state[a, 6] = 0.0
                 else:

@@ -31,18 +31,18 @@ Unit = Literal["m/s", "rad/s"]
 
 # One topic may hold joints of several publishers, each in messages of its own.
 JOINT_MESSAGES = 50
-# Beyond what wheels do, m/s or rad/s; damaged bytes say such things.
+# Faster than any wheels, m/s or rad/s, as damaged bytes may be.
 FASTEST = 1e3
 # Share of the messages whose other components may differ from zero.
 STRAY = 0.01
 # Mean speeds over spans of these lengths are compared, s: the longer where fixes are noisy.
 SPANS_S = (4.0, 16.0)
 LEAST_SPANS = 10
-# A correlation, or a share of the speed that is left, with which speeds are the same.
+# Speeds are the same with at least this correlation, or at most this share that is left.
 ALIKE, LEFT = 0.9, 0.1
 # Share of the spans that have to agree; others are outliers, such as a ferry.
 AGREEING = 0.6
-# Of metres for each unit of the reading: true speeds, and radii of wheels, m.
+# Limits of metres for each unit of the reading: of true speeds, and of radii of wheels, m.
 SPEED, RADIUS = (0.8, 1.25), (0.02, 1.5)
 COMMANDS = ("cmd", "command", "setpoint", "target", "desired", "reference")
 SIDES = {"left": ("left", "l", "fl", "rl", "bl"), "right": ("right", "r", "fr", "rr", "br")}
@@ -138,7 +138,7 @@ def read_wheels(
         if name is not None:
             return _configured(wheels, topic, channels, gnss)
         if wheels.topic:
-            wheels, likeness = _held_against(wheels, channels, gnss)
+            wheels, likeness = _compared(wheels, channels, gnss)
             candidates += [(likeness.left, wheels)] if wheels.topic else []
         if not wheels.topic:
             refused.append(wheels.reason)
@@ -154,7 +154,7 @@ def read_wheels(
 def _configured(
     wheels: WheelSpeeds, topic: str, channels: tuple[Channel, ...], gnss: GnssEpochs | None
 ) -> WheelSpeeds:
-    """A topic that the user names, whatever it looks like; its unit where the fixes show it."""
+    """A topic that the user names, whatever it holds; its unit where the fixes show it."""
     if not len(wheels):
         return WheelSpeeds(reason=f"as {wheels.reason}")
     scale = _likeness(wheels, gnss).scale
@@ -185,7 +185,7 @@ def _read(
 def _joints(
     log: Log, topic: str, channels: tuple[Channel, ...], log_time: bool, named: bool
 ) -> WheelSpeeds:
-    """Mean rate of the joints that are wheels; of all where the user says that they are."""
+    """Mean rate of the joints that are wheels; of all joints if the user named the topic."""
     names = joint_names(log, channels, JOINT_MESSAGES)
     joints = wheel_joints(names) or (names if named else [])
     if not joints:
@@ -194,7 +194,7 @@ def _joints(
     if readings is None:
         return WheelSpeeds(reason=f"{topic} holds no velocity of {', '.join(joints)}")
     rates = readings.values
-    # A wheel on the other side may count the other way; vehicles mostly go forward
+    # A wheel on the other side may count in reverse; vehicles mostly go forward
     rates = rates * np.where(rates.sum(axis=0) < 0.0, -1.0, 1.0)
     side = [_side(joint) for joint in joints]
     left, right = ([k for k, s in enumerate(side) if s == which] for which in ("left", "right"))
@@ -205,7 +205,7 @@ def _joints(
 
 
 def wheel_joints(names: Iterable[str]) -> list[str]:
-    """Joints that are wheels; only those of the unsteered rear axle where names tell."""
+    """Joints that are wheels; only those of the unsteered rear axle where names show them."""
     named = {name: _words(name) for name in names}
     wheels = [n for n, words in named.items() if "wheel" in words and not words & set(NO_WHEELS)]
     return [n for n in wheels if named[n] & set(REAR)] or wheels
@@ -227,10 +227,10 @@ def _sorted(blocks: Iterable[Readings], log_time: bool) -> Readings | None:
     return None if ordered is None else ordered.stream
 
 
-def _held_against(
+def _compared(
     wheels: WheelSpeeds, channels: tuple[Channel, ...], gnss: GnssEpochs | None
 ) -> tuple[WheelSpeeds, _Likeness]:
-    """Readings that are wheels, with the reason; without a topic where fixes deny it."""
+    """Readings that are wheels, with the reason; without a topic where fixes contradict."""
     topic, fit = wheels.topic, _likeness(wheels, gnss)
 
     def refused(why: str) -> tuple[WheelSpeeds, _Likeness]:
@@ -261,7 +261,7 @@ def _likeness(wheels: WheelSpeeds, gnss: GnssEpochs | None) -> _Likeness:
         return best
     for span_s in SPANS_S:
         fit = _agreement(*_spans(wheels, gnss, span_s))
-        if not fit.left >= best.left:  # NaN is not either
+        if not fit.left >= best.left:  # NaN is neither
             best = fit
         if best.follows:
             break
@@ -295,7 +295,7 @@ def _spans(wheels: WheelSpeeds, gnss: GnssEpochs, span_s: float) -> tuple[FloatA
 def _by_fixes(
     fixes: GnssEpochs, means: Callable[[IntArray, FloatArray], FloatArray], span_s: float
 ) -> FloatArray:
-    """Mean speed over spans by the way between the fixes of its first and last quarter."""
+    """Mean speed over spans from the distance between fixes of the first and last quarter."""
     if len(fixes) < 2:
         return means(fixes.time_ns, np.full(len(fixes), np.nan))
     place = np.stack(
@@ -305,7 +305,7 @@ def _by_fixes(
             float(fixes.latitude[0]),
         )
     )
-    # A fix and the one that comes nearest to half a span later
+    # Each fix and the one nearest to half a span later
     half_ns = round(0.5 * span_s * SECOND)
     later = np.minimum(np.searchsorted(fixes.time_ns, fixes.time_ns + half_ns), len(fixes) - 1)
     apart = (fixes.time_ns[later] - fixes.time_ns) / SECOND
@@ -354,7 +354,7 @@ def matched(wheels: WheelSpeeds, time_ns: IntArray, speed: FloatArray) -> WheelF
 def slipping(
     wheels: WheelSpeeds, time_ns: IntArray, yaw_rate: FloatArray, latency_s: float = 0.0
 ) -> BoolArray:
-    """Readings in which one wheel of an axle turns otherwise than the other should.
+    """Readings in which one wheel of an axle turns at another rate than the other implies.
 
     Parameters
     ----------
@@ -368,7 +368,7 @@ def slipping(
     Returns
     -------
     ndarray of bool, shape (n,)
-        False throughout where the log does not tell left from right.
+        False throughout where the log does not distinguish left and right.
     """
     if wheels.apart is None:
         return np.zeros(len(wheels), np.bool_)

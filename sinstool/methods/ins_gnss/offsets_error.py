@@ -113,14 +113,14 @@ def _add_other_time(
     attitude: FloatArray,
     velocity: FloatArray,
 ) -> None:
-    """Add to covariances, shape (n, 3, 3), what a mean square of time, s^2, is worth.
+    """Add the errors by samples of another time, of this mean square, s^2, to covariances.
 
     Parameters
     ----------
     q, rate, force : ndarray, shape (n, 4), (n, 3) and (n, 3)
-        Attitudes, and what the Imu feels.
-    velocity : ndarray
-        Without rows nothing is added to it.
+        Attitudes, and the rates and specific forces that the Imu measures.
+    attitude, velocity : ndarray, shape (n, 3, 3)
+        Changed; a velocity without rows is not.
     """
     for i in range(len(q)):
         c = dcm(q[i, 0], q[i, 1], q[i, 2], q[i, 3])
@@ -133,7 +133,7 @@ def _add_other_time(
 def _add_square(
     c: tuple[float, ...], v: tuple[float, ...], down: float, factor: float, out: FloatArray
 ) -> None:
-    """Add a factor times the square of a vector, turned, with something down added."""
+    """Add to `out` a factor times the square of a vector in NED: `v` turned by `c`, plus `down`."""
     x, y, z = v
     north = c[0] * x + c[1] * y + c[2] * z
     east = c[3] * x + c[4] * y + c[5] * z
@@ -178,13 +178,13 @@ def _add(
     Parameters
     ----------
     time_ns : ndarray of int64, shape (m,)
-        Of J, in order; the first of them are there for what comes `held_ns` later.
+        Of J, in order; the first of them are needed for those `held_ns` later.
     shift : ndarray, shape (m, 3, 4)
         J.
     first : int
-        Of the times that are those of the covariances.
+        The first of the times that are those of the covariances.
     held_ns : int
-        Over which J changes.
+        Time over which J changes.
     moment : ndarray, shape (4, 4)
     change : ndarray, shape (3, 4)
         Room to work in.
@@ -194,7 +194,7 @@ def _add(
     scale = 1e9 / held_ns
     k = 0
     for i in range(first, len(time_ns)):
-        # Between the times that there are; what is earlier than all is as the first
+        # Interpolated between the times; before the first of them J is that of the first
         when = time_ns[i] - held_ns
         while k + 1 < len(time_ns) and time_ns[k + 1] <= when:
             k += 1

@@ -46,8 +46,9 @@ from sinstool.survey.source import Source, rate_blocks
 
 # A boost exceeds this specific force.
 LIFT_OFF = 2.0 * STANDARD_GRAVITY
-# A boost makes the vehicle faster by this share of the specific force beyond 1 g, at least, and by
-# so many m/s; fixes that show it are no further apart than the boost is long, plus this.
+# A boost adds to the speed at least the share BOOSTED of the specific force beyond 1 g, integrated,
+# and at least LEAST_BOOST, m/s; the fixes that show it are no further apart than it is long, plus
+# SEEN_NS.
 BOOSTED, LEAST_BOOST, SEEN_NS = 0.5, 8.0, 10 * SECOND
 # Time read before a start: for the sample before the first one; and before a lift-off, for a moment
 # of rest.
@@ -56,7 +57,7 @@ BEFORE_LIFT_OFF_NS = 10 * SECOND
 # A gyro bias measured at rest may change by this, rad/s (45 deg/h, 1 sigma): between the rests of
 # recorded drives of a few minutes those of two consumer grade IMUs moved by 20 to 70 deg/h.
 AFTER_REST = 45.0 * DEGREE / 3600.0
-# If the first motion does not show the attitude, alignment begins so much later, s.
+# If the first motion does not show the attitude, alignment begins again this much later, s.
 LATER_S = (60.0, 120.0, 180.0, 240.0, 300.0, 420.0, 600.0)
 # Bias of a cheap gyro in a log without rest, if that of its grade is too small, rad/s (1 sigma).
 UNKNOWN_BIAS = 0.5 * DEGREE
@@ -74,8 +75,8 @@ def align_moving(
 ) -> MotionAlignment:
     """Align a log's vehicle in motion.
 
-    By what follows its first motion, unless a gate or options say when to begin; where that shows
-    no heading, by what follows later.
+    From the time after its first motion, unless a gate or options say when to begin; if that shows
+    no heading, from a later time.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ class AttitudeMode(Mode):
         self._smoothing: Smoothing | None = None
         if plan.attitude.value == "smoothed":
             require_gravity(source, config)
-            # Compiled loops that an integration alone has no need of
+            # Compiled loops that integration alone does not need
             from sinstool.pipelines.process.smoothing import DIAGNOSTICS, Smoothing
 
             self._smoothing = Smoothing(source, config, plan, settings, earth)
@@ -60,7 +60,7 @@ class AttitudeMode(Mode):
             )
 
     def show(self, sink: Sink) -> None:
-        """Whether heading is free, and the heights that the vertical channel is held to."""
+        """Pass to a sink whether heading is free, and the heights used by the vertical channel."""
         compassed = self._smoothing is not None and self._smoothing.north_referenced is not None
         if not (self.plan.alignment.north_referenced or compassed):
             sink.free_heading()
@@ -68,7 +68,7 @@ class AttitudeMode(Mode):
             self._vertical.damping.show(sink)
 
     def find_out(self, progress: BytesRead | None) -> None:
-        """What a smoother finds in all of the log: whether heading counts from north, too."""
+        """Smooth over the whole log; that also shows whether heading counts from north."""
         # GNSS, barometer and magnetometer have been read
         self.source.log.cache(())
         if self._smoothing is not None:
@@ -91,7 +91,7 @@ class AttitudeMode(Mode):
         self._run = self._smoothing.run
 
     def _blocks(self, number: int, progress: BytesRead | None) -> Iterator[Imu]:
-        """The samples for a pass, 0 or 1, of which either has half of the progress."""
+        """The samples for a pass, 0 or 1; each pass is half of the progress."""
         size = self.source.log.size
         half = progress and (lambda read: progress((number * size + read) // 2))
         # Where samples were kept, their solutions are kept for the second pass.
@@ -105,7 +105,7 @@ class AttitudeMode(Mode):
         """The first attitude, the coning algorithm, the height, and what was odd."""
         settings, vertical = self._run.settings, self._vertical
         alignment = self.plan.alignment
-        # A smoothed attitude hangs neither on its first tilt nor on its first bias.
+        # A smoothed attitude depends neither on its first tilt nor on its first bias.
         findings = [
             one
             for one in warned("alignment", alignment.warnings)

@@ -26,7 +26,7 @@ from sinstool.pipelines.process.summary import MagnetometerUsed
 from sinstool.survey.magnetometer import MagneticTopic, read_magnetometer
 from sinstool.survey.source import Source
 
-# More of the time that is disturbed is worth knowing.
+# Share of the time with a disturbed field from which a finding is given.
 DISTURBED = 0.1
 REFUSALS = {
     "short": "it has less than ten seconds of data",
@@ -89,8 +89,8 @@ class MagneticHeading:
         self._stage = None
         return self.compass.north
 
-    def hold_against(self, epochs: Epochs, correction: Correction) -> None:
-        """Take an attitude that was smoothed with the headings, to see whether it follows them."""
+    def compare(self, epochs: Epochs, correction: Correction) -> None:
+        """Compare the headings with an attitude that was smoothed with them."""
         if self.compass.north is not None:
             attitude = correction.at(epochs.time_ns).q[:-1]
             self._off = heading_off(self.compass.north, attitude)
@@ -103,7 +103,7 @@ class MagneticHeading:
         return self.compass.verified and self._declination is not None
 
     def summary(self, correction: Correction) -> MagnetometerUsed:
-        """What it showed, by the attitude that came of it."""
+        """How the magnetometer was used, and the sigma of the smoothed heading."""
         compass, iron = self.compass, self.compass.hard_iron
         used = compass.north is not None
         sigma = np.sqrt(np.median(correction.covariance_n[:, 2, 2])) / DEGREE
@@ -125,7 +125,7 @@ class MagneticHeading:
         )
 
     def findings(self) -> Iterator[Finding]:
-        """What a user should know of it."""
+        """Findings about the magnetometer."""
         yield from self._odd
         compass, iron, topic = self.compass, self.compass.hard_iron, self._topic
         if not self._read:

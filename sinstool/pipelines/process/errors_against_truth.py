@@ -18,9 +18,9 @@ from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, read_fixes, read_velocity
 from sinstool.io.readers.truth import at_times, read_truth
 
-# Instants further apart tell nothing of what was between them.
+# Reference values further apart than this are not interpolated.
 LONGEST_NS = 2 * SECOND
-# Key, unit, and what of an error in SI is one of that unit.
+# Key, unit, and its size in SI units.
 KINDS = (("attitude", "deg", DEGREE), ("position", "m", 1.0), ("velocity", "m/s", 1.0))
 
 
@@ -47,7 +47,7 @@ class Truth:
 
 
 def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
-    """Read what ``--truth`` names.
+    """Read the references of ``--truth``.
 
     Parameters
     ----------
@@ -59,8 +59,8 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
     Raises
     ------
     TopicError, LogError
-        There is none of that name, it is of another type or holds too little, or two give the
-        same.
+        There is no such topic or file, it is of another type or holds too little, or two give the
+        same quantity.
     """
     references: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for name in names:
@@ -243,7 +243,7 @@ class Errors:
 
 
 class _Apart:
-    """Errors of inclination and of heading, apart."""
+    """Errors of inclination and of heading, separately."""
 
     def __init__(self) -> None:
         self._first: float | None = None

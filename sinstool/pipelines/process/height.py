@@ -41,7 +41,7 @@ from sinstool.pipelines.process.summary import Sink
 from sinstool.survey.grade import ImuGrade, sensor_grade
 from sinstool.survey.source import Source
 
-# Time whose samples set the height at the start, s.
+# Time over which samples are averaged for the height at the start, s.
 START_S = 1.0
 # Pressures further apart than this are not interpolated.
 NEAR_NS = 2_000_000_000
@@ -203,7 +203,7 @@ def _baro_reference(
 
 
 def _require_pressures(source: Source, baro: Baro, config: ProcessConfig) -> None:
-    """Refuse a barometer that no height can be had from."""
+    """Refuse a barometer without a single plausible pressure."""
     if (pressure_reason(baro.pressure) == ACCEPTED).any():
         return
     unit = config.input.baro_unit
@@ -217,15 +217,16 @@ def _require_pressures(source: Source, baro: Baro, config: ProcessConfig) -> Non
 
 
 def _shows(fit: ScaleFit) -> bool:
-    """Whether a scale makes a difference worth a word: 1 m."""
+    """Whether a scale changes heights by more than 1 m."""
     return abs(fit.scale - 1.0) * fit.height_range > 1.0
 
 
 def heights_for_calibration(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
-    """GNSS heights that a barometer can be set by.
+    """GNSS heights from which offset and scale of a barometer can be estimated.
 
-    Not those where it has a gap or hangs, and none after its reference, or the receiver's height,
-    jumped: a jump would be taken for the scale that a warm or cold day gives the barometer.
+    Heights while the barometer has a gap or hangs are left out, and all after a jump of its
+    reference, or of the receiver's height: a jump would be taken for the scale of a warm or cold
+    day.
 
     Returns
     -------
@@ -255,7 +256,7 @@ def heights_for_calibration(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
 
 
 def _first_jump(values: np.ndarray) -> int:
-    """Row from which on values are others than before; their number where there is none."""
+    """First row after a jump of the values; their number where there is none."""
     if len(values) < 2 * JUMP_ROWS:
         return len(values)
     medians = _medians(values)
@@ -267,13 +268,13 @@ def _first_jump(values: np.ndarray) -> int:
 
 
 def _medians(values: np.ndarray) -> np.ndarray:
-    """Running medians, which noise and single outliers do not move much."""
+    """Running medians, which noise and single outliers hardly change."""
     windows = np.lib.stride_tricks.sliding_window_view(values, JUMP_ROWS)
     return np.asarray(median(windows, axis=1))
 
 
 def _from_heights(source: Source, stream: BaroHeight) -> HeightReference:
-    """A topic that holds heights already."""
+    """A topic that holds heights, not pressures."""
     topic = source.aiding.barometer.topic
     finite = np.isfinite(stream.height)
     if not finite.any():
@@ -307,14 +308,14 @@ def _from_gnss(source: Source) -> HeightReference:
 
 @dataclass(frozen=True)
 class Damping:
-    """What holds the height of a run."""
+    """Reference heights and settings of the vertical channel of a run."""
 
     reference: HeightReference
     network: HeightNetwork
     grade: ImuGrade
 
     def show(self, sink: Sink) -> None:
-        """Give a sink the heights that could be used."""
+        """Give a sink the usable reference heights."""
         reference = self.reference
         good = reference.reason == ACCEPTED
         sink.refer_height(reference.topic, reference.time_ns[good], reference.height[good])
@@ -322,7 +323,7 @@ class Damping:
     def result(
         self, channel: ChannelSummary, events: list[Event], first_ns: int, final: np.ndarray
     ) -> HeightDamping:
-        """What damped the height, how, and what happened.
+        """How the height was damped, and the events of the vertical channel.
 
         Parameters
         ----------
@@ -358,7 +359,7 @@ class Damping:
 def damping(
     source: Source, config: ProcessConfig, latitude: float, start_height: float
 ) -> tuple[Damping, list[str]]:
-    """What holds the height of a run without a filter, and what is doubtful about it.
+    """Damping of the height of a run without a filter, and warnings about it.
 
     Parameters
     ----------
@@ -376,7 +377,7 @@ def damping(
 def height_warnings(
     channel: ChannelSummary, events: list[Event], begins_s: float = 0.0
 ) -> list[str]:
-    """What a user has to know about the vertical channel, which began so long after the log."""
+    """Warnings about the vertical channel, which began this long after the log."""
     notes = []
     rejected = {
         name: count

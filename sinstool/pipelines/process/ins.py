@@ -80,7 +80,7 @@ class InsMode(Mode):
         self._beside: Solution | None = None  # the last that has a fix within
 
     def show(self, sink: Sink) -> None:
-        """The heights that the run is held to, and the fixes that it does not use."""
+        """Pass to a sink the reference heights, and the fixes, which the run does not use."""
         if self._damping is not None:
             self._damping.show(sink)
         gnss = self.source.aiding.gnss
@@ -102,7 +102,7 @@ class InsMode(Mode):
             yield solution
 
     def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
-        """First attitude, coning, height, and how far the run has gone from GNSS."""
+        """First attitude, coning, height, and the distance of the run from GNSS at its end."""
         run, alignment, settings = self._run, self.plan.alignment, self._run.settings
         seconds = (int(last.time_ns[-1]) - run.first_ns) / SECOND
         height, texts = None, list(self._notes)
@@ -196,7 +196,7 @@ def start_velocity(
 
 
 def undamped_warning(latitude: float, seconds: float) -> str:
-    """What becomes of height without damping, by the gravity that falls off with it.
+    """Growth of an error of height without damping, as gravity decreases with height.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ def undamped_warning(latitude: float, seconds: float) -> str:
 
 
 def drift_warning(seconds: float, off: GnssDifference | None, first_ns: int) -> str:
-    """How far position drifts without fixes, and how far it is from those that were not used.
+    """Drift of position without fixes, and its difference from those that were not used.
 
     By a constant error of an accelerometer, and of a gyro, about level (Titterton and Weston,
     "Strapdown Inertial Navigation Technology", 2nd ed., 2004, table 12.2).
@@ -250,7 +250,7 @@ def drift_warning(seconds: float, off: GnssDifference | None, first_ns: int) -> 
 
 
 def _three(value: float) -> str:
-    """Three digits, zeros too."""
+    """A number with three digits, zeros included."""
     return f"{value:#.3g}".rstrip(".")
 
 

@@ -76,7 +76,7 @@ class Output:
         pool = executor(1, "sinstool-hash")
         self._stack.enter_context(pool)
         stop = Event()
-        # a run that fails does not wait for the hash of a large log
+        # a run that fails does not have to wait for the hash of a large log
         self._stack.callback(stop.set)
         self._digest = pool.submit(sha256, log.path, stop)
 

@@ -40,7 +40,7 @@ def process(
     progress: Progress | None = None,
     sink: Sink | None = None,
 ) -> ProcessResult:
-    """Recorded IMU to corrected attitude.
+    """Process a recorded IMU to attitude and navigation.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def process(
     progress : callable, optional
         Called with the fraction done.
     sink : Sink, optional
-        Gets what is computed, for figures.
+        Gets all that is computed, for figures.
 
     Raises
     ------

@@ -67,11 +67,11 @@ UNCERTAIN_TILT = 2.0 * DEGREE
 STOPPED_SHARE, LOST_SHARE = 0.002, 0.03
 # Share of the time in steady turns beyond which the finding `long-turns` is given.
 LONG_TURNS = 0.1
-# A rate that is steady for such a share of the time, and larger than this, rad/s, may be a turn.
+# A rate that is steady for this share of the time, and larger than this, rad/s, may be a turn.
 STEADY, STEADY_RATE = 0.9, 1.0 * DEGREE
 # Margin of a vehicle over a hand, nat per moving epoch, beyond that of any recorded hand or drone.
 DENIED_MARGIN = 2.0
-# Diagnostics are written once in so many epochs.
+# Diagnostics are written once in this many epochs.
 DIAGNOSED = 5
 DIAGNOSTICS = (
     "tilt sigma (deg)",
@@ -137,7 +137,7 @@ class Smoothing:
             point_samples=settings.gyro_kind == "rate",
             omega_in_n=settings.omega_ie_n,
         )
-        # Samples that are held anyway are few enough for their attitudes to be held too.
+        # Where samples are kept in memory they are few enough to keep their attitudes, too.
         self._held = None if self._source.samples.blocks is None else []
         with executor(1, "sinstool-epochs") as pool:
             pushed = None
@@ -166,7 +166,7 @@ class Smoothing:
             north = self._magnetic.north(epochs, correction.at(epochs.time_ns))
             if north is not None:
                 correction = smooth(epochs, motion.model, sensors, prior, north)
-                self._magnetic.hold_against(epochs, correction)
+                self._magnetic.compare(epochs, correction)
             self.north_referenced = self._magnetic.north_referenced
         if not self._plan.gyro_samples.configured:
             correction = correction.of_samples(epochs)
@@ -200,7 +200,7 @@ class Smoothing:
         return np.where(stops > LEAST_STOP, stops, np.inf) - np.array([bias, -bias])
 
     def _gnss_speed(self) -> float | None:
-        """Speed that GNSS velocities reach, m/s, but for the fastest of them."""
+        """Speed that GNSS velocities reach, m/s, without the fastest of them."""
         gnss = self._source.aiding.gnss
         if gnss is None or not gnss.has_velocity.any():
             return None
@@ -220,7 +220,7 @@ class Smoothing:
         alignment, omega = self._plan.alignment, self._settings.omega_ie_n
         about: dict[str, Any] = {
             "walk_at_rest": gyro_walk(self._source, self._config),
-            # without a heading the level part of the Earth's rate is taken off in a wrong direction
+            # without a heading the level part of the Earth's rate is removed in a wrong direction
             "earth_removed": omega is not None and alignment.north_referenced,
         }
         stops = self._stops()
@@ -243,7 +243,7 @@ class Smoothing:
             _first_tilt(alignment),
             None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
         )
-        # What looks like rest, before it is judged: the epochs are too many to keep them twice
+        # What looks like rest, before it is judged: there are too many epochs to keep them twice
         looks = seen.values[:, MARKS].copy()
         epochs, motion = self._judged(seen, looks, sensors, prior)
         if seen.values[:, SATURATED].any():
@@ -255,7 +255,8 @@ class Smoothing:
             epochs, motion = self._judged(seen, looks, sensors, prior)
         inside = self._bias_epochs(epochs)
         if inside.any() and np.mean(epochs.at_rest[inside]) < LEAST_REST:
-            # What the mean rate of a turn is taken for is neither a bias nor, at first, a tilt
+            # A turn whose mean rate was taken for the bias shows neither a bias nor, at first, a
+            # tilt
             mean = tuple((-alignment.gyro_bias).tolist())
             sensors = sensor_model(grade, bias_known=False, **about)
             sensors = replace(sensors, bias_mean=mean, **judged)
@@ -283,7 +284,7 @@ class Smoothing:
         return with_steady(epochs, still, motion.model, sensors, prior, in_place=True), motion
 
     def _doubted(self, seen: Epochs, sensors: SensorModel, prior: Prior) -> SensorModel:
-        """The sensors, with biases of accelerometers that gravity in what looks like rest shows."""
+        """The sensors, with accelerometer biases as large as gravity in apparent rests shows."""
         alignment = self._plan.alignment
         if sensors.bias_removed is None or not seen.rest.any():
             return sensors
@@ -450,7 +451,7 @@ class Smoothing:
 
 
 def _drop_turns(seen: Epochs, removed: np.ndarray, most: float) -> None:
-    """Mark as moving what looks like rest, but whose rate is more than any bias, rad/s."""
+    """Mark apparent rests as moving if their rate exceeds any bias, rad/s."""
     rows = seen.values
     for begin, end in runs(seen.rest):
         rate = rows[begin:end, GYRO : GYRO + 3].mean(axis=0) + removed
@@ -459,7 +460,7 @@ def _drop_turns(seen: Epochs, removed: np.ndarray, most: float) -> None:
 
 
 def _first_tilt(alignment: Alignment) -> float | None:
-    """Standard deviation of a first tilt, rad, without the accelerometers'; None: unknown."""
+    """Sigma of a first tilt without that by accelerometer biases, rad; None: unknown."""
     roll, pitch, _ = alignment.sigma_rad
     if roll is None or pitch is None:
         return None

@@ -19,10 +19,10 @@ from sinstool.core.units import DEGREE
 if TYPE_CHECKING:
     from sinstool.methods.ins_gnss.results import GnssDiagnostics
 
-# Kept at most, for medians; of a longer run every second one, and so on.
+# Most values kept for medians; of a longer run every second one is kept, and so on.
 MOST_SIGMAS = 8192
-# Fixes are missing where the next one used comes later than so many usual intervals, and than
-# so many seconds.
+# An outage: the next fix that is used comes later than this many usual intervals, and this many
+# seconds.
 MISSED, LEAST_OUTAGE_S = 3.0, 2.0
 
 

@@ -1,4 +1,4 @@
-"""A latency that a log shows only roughly is part of what is not known of position."""
+"""A latency that a log shows only roughly adds to the error of position."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -90,13 +90,13 @@ def test_velocity_may_be_of_half_a_sample_ago(tmp_path):
 
 def test_samples_may_be_of_half_a_sample_ago(tmp_path):
     """Means over 20 ms, read as rates: at 60 deg/s they are 0.6 deg off, as nothing shows."""
-    outside, told = [], []
+    outside, known = [], []
     for seed in range(3):
         truth = multicopter(seed, 120.0)
         data = record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma_v=0.05, latency=0.05)
         log = write(tmp_path / "log.mcap", slower(data, 4))
         gnss = {"lever_arm": tuple(LEVER.tolist())}
-        for given, ratios in (({}, outside), ({"gyro_kind": "mean-rate"}, told)):
+        for given, ratios in (({}, outside), ({"gyro_kind": "mean-rate"}, known)):
             _, solution = run(log, input=dict(given), gnss=dict(gnss), filter={"smooth": True})
             rows = solution.rows((solution.time_ns - T0) * 1e-9 > 20.0)
             error = truth.errors_of(
@@ -105,20 +105,20 @@ def test_samples_may_be_of_half_a_sample_ago(tmp_path):
             variance = np.einsum("nii->ni", rows.covariance_attitude_n)[:, :2]
             ratios.append(np.sqrt(np.mean(error**2 / variance)))
     # At 50 Hz a rotor's fast motion looks like axes that are off by 1 %
-    assert max(outside) < 2.0 and max(told) < 2.5
+    assert max(outside) < 2.0 and max(known) < 2.5
     assert np.mean(outside) > 0.5
 
 
-def test_a_latency_worth_much_more_than_the_fixes_noise_is_told():
+def test_a_latency_worth_much_more_than_the_fixes_noise_is_reported():
     assert late_or_early(0.24, 0.004, 0.05) == []
     (finding,) = late_or_early(0.6, 0.01, 0.05)
     assert "to 10 ms only" in finding.text and "0.6 m" in finding.text
     assert finding.answer == "give --gnss-latency"
 
 
-def turning(rate=0.2, speed=10.0):
-    """A circle at 20 Hz, its sigmas of nothing."""
-    seconds = np.arange(400) * 0.05
+def turning(rate=0.2, speed=10.0, interval=0.05):
+    """A circle, at 20 Hz by default, with covariances of zero."""
+    seconds = np.arange(400) * interval
     n = len(seconds)
     zero = np.zeros((n, 3))
     course = rate * seconds
@@ -130,9 +130,10 @@ def turning(rate=0.2, speed=10.0):
 
 
 def test_along_the_track_and_across_it():
-    """Position by the velocity, velocity by what it changes by."""
-    solution = turning()
-    answer = OffsetsError(LATE).added(solution)
+    """Position is off by the velocity, and velocity by its change."""
+    solution, error = turning(), OffsetsError(LATE)
+    answer = error.added(solution)
+    assert error.largest_m == pytest.approx(0.01 * 10.0)
     v = solution.velocity_n
     square = 1e-4 * v[:, :, None] * v[:, None, :]
     assert np.allclose(answer.covariance_position_n, square)
@@ -159,6 +160,30 @@ def test_samples_of_another_time():
     trace = np.einsum("nii->n", answer.covariance_position_n)
     assert np.allclose(trace, 0.5 * (10.0 * 0.005) ** 2)
     assert error.largest_m == 0.0  # no latency of the receiver
+
+
+def test_samples_of_another_time_of_a_turned_body():
+    """Rate and force are in axes of the body, covariances in NED."""
+    random = np.random.default_rng(5)
+    q = random.normal(size=(400, 4))
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    rate, force = random.normal(size=(2, 400, 3)) * [[[1.0]], [[10.0]]]
+    solution = replace(turning(), q_nb=q, omega_ib_b=rate, specific_force_b=force)
+    answer = OffsetsError(np.zeros((4, 4)), sample_s=0.005).added(solution)
+    turn = np.einsum("nij,nj->ni", to_dcm(q), rate)
+    push = np.einsum("nij,nj->ni", to_dcm(q), force) + np.array([0.0, 0.0, 9.80665])
+    for covariance, v in (
+        (answer.covariance_attitude_n, turn),
+        (answer.covariance_velocity_n, push),
+    ):
+        assert np.allclose(covariance, 0.5 * 0.005**2 * v[:, :, None] * v[:, None, :])
+
+
+@pytest.mark.parametrize("interval", [0.07, 0.3, 0.9])
+def test_the_velocity_a_second_ago_lies_between_samples(interval):
+    answer = OffsetsError(LATE).added(turning(interval=interval))
+    late = np.einsum("nii->n", answer.covariance_velocity_n)[20:]
+    assert np.sqrt(late) == pytest.approx(0.01 * 0.2 * 10.0, rel=0.02)
 
 
 def test_blocks_do_not_matter():

@@ -207,7 +207,7 @@ def test_motion_by_option(tmp_path):
     assert summary["smoothing"]["motion_margin_nat"] is None
 
 
-def test_heading_is_held_against_the_truth_as_it_changes(tmp_path):
+def test_heading_is_compared_with_the_truth_as_it_changes(tmp_path):
     log = hand(30.0)
     path = imu_log(tmp_path / "in.mcap", log.time_ns, log.gyro, log.accel)
     turned = Rotation.from_euler("z", 1.0) * log.attitude

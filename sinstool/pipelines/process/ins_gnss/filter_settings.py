@@ -31,7 +31,7 @@ from sinstool.survey.grade import ImuGrade, random_walk, random_walks
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
-# Noise at rest, over what the options say of it, that is worth a warning.
+# Ratio of the noise at rest to that of the options from which a warning is given.
 NOISIER = 3.0
 # Times the biases of a navigation grade that one judged by its noise may have: data sheets of such
 # noise lie a factor of ten and more apart.
