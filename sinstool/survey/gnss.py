@@ -1,7 +1,7 @@
 """GNSS of a log: the receiver and the velocity to use, checked against each other.
 
-Every message is either used or counted, and units that cannot be right are refused, with the option
-that gives them.
+Every message is either used or counted, and units that cannot be right are refused with the option
+that answers them.
 """
 
 from __future__ import annotations
@@ -35,16 +35,15 @@ S = TypeVar("S", bound=Stream)
 # Position and velocity of one epoch may be stamped apart by the time between their messages.
 SAME_EPOCH_NS = 20_000_000
 PROBE = 100
-# A receiver is not chosen if it covers less than this share of the seconds of the one with the
-# most.
+# Of the seconds of the receiver that has the most: one with fewer is no choice.
 NEARLY_ALL = 0.8
-# A down velocity that is always exactly zero, while height changes by this, is none.
+# A velocity whose down part is exactly zero, while height moves by this, has none.
 FLAT_HEIGHT_M = 5.0
-# Faster than any vehicle with an IMU on Earth, as damaged bytes may be.
+# Beyond what any vehicle with an IMU on Earth does, though not beyond what damaged bytes say.
 FASTEST_M_S = 2e4
-# Kinds of findings about a velocity that is not over ground: left out, or used as configured.
+# The kinds of finding about a velocity that is none over ground: left out, or used as configured.
 LEFT_OUT, CONTRADICTS = "velocity-left-out", "velocity-contradicts"
-# A standard deviation above this means "unknown", however much larger it is.
+# A standard deviation above this says "unknown", however much larger it is.
 UNKNOWN_SIGMA = 1e6
 
 
@@ -72,13 +71,13 @@ def read_gnss(
     ]
     velocity_topic = options.velocity_topic
     if velocity_topic is None and options.gnss_topic == NONE:
-        velocity_topic = NONE  # without GNSS its velocity is not used either
+        velocity_topic = NONE  # who wants no GNSS wants none of the receiver
     speeds = optional_topics(log, "--velocity-topic", velocity_topic, *VELOCITY_TYPES)
     receiver, findings = _best_receiver(receivers, tuple(speeds))
     fixes = receiver.stream
     if fixes is not None:
         _check_range(log, receiver.topic, fixes)
-        # a filter that starts at a damaged one could not tell
+        # a filter that starts at a damaged one would have to believe it
         what = "fixes are not on Earth; left out"
         fixes, more = only(fixes, fixes.on_earth, receiver.topic, "not-on-earth", what)
         findings += more
@@ -90,7 +89,7 @@ def read_gnss(
         read = next((c.stream for c in candidates if c.stream is not None), None)
         _check_degrees(log, receiver.topic, fixes, read)
     named = options.velocity_topic is not None
-    chosen, more = _chosen_velocity(candidates, receiver.topic, named)
+    chosen, more = _believed_velocity(candidates, receiver.topic, named)
     findings += more
     velocity = chosen.stream
     for what, one, number, name in (
@@ -114,7 +113,7 @@ NO_EVIDENCE = Agreement()
 
 @dataclass(frozen=True)
 class _Read(Generic[S]):
-    """A topic that may be used: its messages, None where none of them is usable.
+    """A topic that may be used: its messages, None where it has none that are any good.
 
     `agreement` and `frame` are of velocities: how they fit the fixes, and what is odd about the
     names of their frames.
@@ -163,7 +162,7 @@ def _best_receiver(
 ) -> tuple[_Read[Gnss], list[Finding]]:
     """The receiver of several with fixes nearly all the time and the smallest claimed noise.
 
-    Of those with about the same noise, one with a velocity topic is preferred, then a faster one.
+    Those that claim about the same are told apart by a velocity topic beside theirs, then by rate.
     """
     seconds = {
         r.topic: 0 if r.stream is None else len(set((r.stream.time_ns // SECOND).tolist()))
@@ -208,7 +207,7 @@ def _velocities(
     log_time: bool,
     until_ns: int | None,
 ) -> _Read[Velocity]:
-    """Velocities of a topic, compared with the fixes."""
+    """Velocities of a topic, held against the fixes."""
     blocks = until(_stamped(read_velocity(log, channels, Losses()), options), until_ns)
     velocity, findings = in_order(blocks, log_time, topic)
     if velocity is not None:
@@ -218,7 +217,7 @@ def _velocities(
         findings += more
     fits = NO_EVIDENCE
     if fixes is not None and velocity is not None:
-        # While a receiver hangs its fixes contradict any velocity
+        # While a receiver hangs its fixes deny any velocity
         stuck = stuck_fixes(fixes)
         moving = velocity.rows(~stuck_velocities(fixes, stuck, velocity))
         fits = agreement(fixes.rows(~stuck), moving)
@@ -228,13 +227,12 @@ def _velocities(
     return _Read(topic, velocity, tuple(findings), fits, frame)
 
 
-def _chosen_velocity(
+def _believed_velocity(
     candidates: list[_Read[Velocity]], fix_topic: str, named: bool
 ) -> tuple[_Read[Velocity], list[Finding]]:
     """The velocity to use, and findings about those left out.
 
-    Fixes decide; where they show too little, names of frames do. A topic that the user names is
-    used in any case.
+    Fixes decide; where they show too little, names of frames do. One that the user names is used.
     """
     findings: list[Finding] = []
     usable = []
@@ -285,10 +283,10 @@ def _of_vehicles(velocity_n: np.ndarray) -> np.ndarray:
 
 
 def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None) -> None:
-    """Refuse latitude and longitude in radians.
+    """Refuse latitude and longitude that are radians.
 
-    Small numbers alone are no proof: there are places near 0 N, 0 E. Where velocity is known, the
-    distance covered decides.
+    Small numbers alone are no proof: there are places near 0 N, 0 E. Where velocity is known,
+    the distance covered decides.
     """
     latitude, longitude = fixes.latitude / DEGREE, fixes.longitude / DEGREE
     if np.abs(latitude).max() > np.pi / 2 or np.abs(longitude).max() > np.pi:
@@ -300,7 +298,7 @@ def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None)
         north, east = horizontal_metres(
             np.diff(fixes.latitude), wrapped(np.diff(fixes.longitude)), fixes.latitude[1:]
         )
-        # a jump to one bad fix is not a distance that was covered
+        # the leap of one bad fix is no way that was covered
         way = np.hypot(north, east)
         covered = float(np.sum(np.minimum(way, 10.0 * max(travelled / len(way), 1.0))))
         if travelled > 20.0 and covered > 0.25 * travelled:
@@ -314,7 +312,7 @@ def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None)
 
 
 def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
-    """Refuse latitudes, longitudes and heights that no vehicle can have."""
+    """Refuse angles that are on no globe, and heights that no vehicle has."""
     latitude = float(median(np.abs(fixes.latitude[:PROBE])) / DEGREE)
     longitude = float(median(np.abs(fixes.longitude[:PROBE])) / DEGREE)
     if latitude > 90.0 or longitude > 360.0:
@@ -336,7 +334,7 @@ def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
 
 
 def _without_flat(fixes: Gnss, velocity: Velocity, topic: str) -> tuple[Velocity, list[Finding]]:
-    """Remove down velocities that are all exactly zero although height changes."""
+    """Take out down velocities that are all exactly zero although height moves."""
     heights = fixes.height[np.isfinite(fixes.height)]
     down = velocity.velocity_n[:, 2]
     if len(heights) < 2 or np.any(down != 0.0) or np.ptp(heights) <= FLAT_HEIGHT_M:
@@ -438,7 +436,7 @@ def _partners(fixes_ns: np.ndarray, velocity_ns: np.ndarray) -> tuple[np.ndarray
 
 
 def _sigma(covariance: np.ndarray, stated: np.ndarray | bool) -> np.ndarray:
-    """Roots of the diagonal; NaN where the covariance is unknown."""
+    """Roots of the diagonal; NaN where it says nothing."""
     variance = np.einsum("nii->ni", covariance)
     good = stated & np.isfinite(variance) & (variance > 0.0)
     return np.minimum(np.sqrt(np.where(good, variance, np.nan)), UNKNOWN_SIGMA)

@@ -1,4 +1,4 @@
-"""A receiver that hangs: it repeats its last fix while the vehicle goes on."""
+"""A receiver that hangs: it sends its last fix again while the vehicle goes on."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.survey.velocity import usual_noise
 
-# This many consecutive fixes that are equal to the last bit may be one fix sent again.
+# So many fixes alike to the last bit in a row may be a fix that is sent again.
 LEAST_ALIKE = 3
-# A receiver that holds its position at rest releases it by a few of its sigmas, and slowly; one
-# that hangs jumps: by this many sigmas, this many times the usual step afterwards, and at this mean
-# speed, m/s.
+# A receiver that holds its position at rest lets go of it by a few of its sigmas, and slowly; one
+# that hangs leaps: so many sigmas, so many times what it then moves from fix to fix, and so fast in
+# the mean, m/s.
 LEAP_SIGMAS, LEAP_STEPS, LEAP_SPEED = 5.0, 3.0, 0.3
 
 
 def stuck_fixes(fixes: Gnss) -> BoolArray:
-    """Fixes that repeat an earlier one though the receiver had moved on, shape (n,).
+    """Fixes that are an earlier one sent again though the receiver had moved on, shape (n,).
 
     Parameters
     ----------
@@ -29,9 +29,9 @@ def stuck_fixes(fixes: Gnss) -> BoolArray:
     Returns
     -------
     ndarray of bool
-        The first of several equal fixes is a fix. So are all of them if the receiver goes on from
-        where it was, as one at rest does. Equal fixes up to the end of the log cannot be
-        distinguished from rest, and count as fixes.
+        The first of a row of fixes that are alike is a fix, and so are all in a row at whose end
+        the receiver goes on from where it was, which is how one at rest behaves. What is alike up
+        to the end of the log is not told from rest.
     """
     stuck = np.zeros(len(fixes), dtype=np.bool_)
     if len(fixes) < LEAST_ALIKE + 1:
@@ -59,14 +59,14 @@ def stuck_fixes(fixes: Gnss) -> BoolArray:
 
 
 def stuck_velocities(fixes: Gnss, stuck: BoolArray, velocity: Velocity) -> BoolArray:
-    """Velocities that are repeated while the fixes are, shape (m,)."""
+    """Velocities that are sent again while the fixes are, shape (m,)."""
     again = np.append(False, (velocity.velocity_n[1:] == velocity.velocity_n[:-1]).all(axis=1))
     before = np.searchsorted(fixes.time_ns, velocity.time_ns, side="right") - 1
     return np.asarray(again & (before >= 0) & stuck[np.maximum(before, 0)])
 
 
 def _alike(fixes: Gnss) -> BoolArray:
-    """Whether each fix but the first equals the one before it, to the last bit."""
+    """Whether each fix but the first is the one before it, to the last bit."""
     same = np.ones(len(fixes) - 1, dtype=np.bool_)
     for column in (fixes.latitude, fixes.longitude, fixes.height):
         same &= (column[1:] == column[:-1]) | (np.isnan(column[1:]) & np.isnan(column[:-1]))

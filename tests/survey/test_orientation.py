@@ -1,4 +1,6 @@
-"""Orientations of a log are held against its own gravity and gyro, at rest and in motion."""
+"""Orientations of a log are compared with its own gravity and gyro, at rest and in motion."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -7,9 +9,12 @@ from scipy.spatial.transform import Rotation
 from sinstool.config import InputOptions, ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import from_euler
 from sinstool.io.readers import open_log
 from sinstool.io.readers.topics import choose_imu
+from sinstool.methods.alignment.still import WINDOW_NS
 from sinstool.pipelines.process.run import plan_of
+from sinstool.survey.orientation import orientation_fault
 from sinstool.survey.source import survey_samples
 from tests.helpers.imulogs import T0, even_times, handheld, imu_log, in_log_axes
 from tests.helpers.unseen_drives import RATE, drive
@@ -75,3 +80,42 @@ def test_a_wrong_orientation_of_a_moving_car_is_no_first_attitude(tmp_path, on_t
     with pytest.raises(AlignmentError, match=r"/imu is tilted by .* another order") as refused:
         plan_of(wrong, build(ProcessConfig, {"align": {"align": "log"}}))
     assert "--align fixed" in str(refused.value)
+
+
+def fault_of(*, roll=0.0, sense=1.0, rate=0.4, count=20, every=1):
+    """Fault of the orientations of a level body that yaws to and fro, rad/s, window by window.
+
+    They are rolled by so many deg, and turn by `sense` times as much; of `every` windows one has
+    an orientation.
+    """
+    rates = rate * np.sin(0.6 * np.arange(count))
+    yaw = sense * np.cumsum(np.append(0.0, 0.25 * (rates[1:] + rates[:-1])))
+    angles = np.stack([np.full(count, np.radians(roll)), np.zeros(count), yaw], axis=1)
+    zero = np.zeros(count)
+    windows = SimpleNamespace(
+        start_ns=T0 + WINDOW_NS * np.arange(count),
+        gyro=np.stack([zero, zero, rates], axis=1),
+        accel=np.tile([0.0, 0.0, -9.8], (count, 1)),
+    )
+    return orientation_fault(dict(list(enumerate(from_euler(angles)))[::every]), T0, windows)
+
+
+def test_the_tilt_of_wrong_orientations_is_reported():
+    assert fault_of(roll=40.0).tilt_deg == pytest.approx(40.0, abs=4.0)
+    assert fault_of(roll=15.0) is None  # an error of attitude, not of axes
+
+
+def test_turns_of_another_sense_or_size_are_a_fault():
+    assert fault_of() is None and fault_of(sense=0.5) is None
+    for sense in (-1.0, 0.0, 6.0):
+        assert "turns differently from the gyro" in fault_of(sense=sense).text
+
+
+@pytest.mark.parametrize(
+    "few",
+    [{"rate": 0.05}, {"rate": 20.0}, {"count": 6}, {"every": 2}],
+    ids=["small turns", "turns that may be ambiguous", "few windows", "windows apart"],
+)
+def test_turns_that_show_too_little_are_no_fault(few):
+    assert fault_of(sense=-1.0, count=7) is not None
+    assert fault_of(sense=-1.0, **few) is None
