@@ -7,12 +7,13 @@ that answers them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from sinstool.config import InputOptions
+from sinstool.core.arrays import BoolArray, IntArray
 from sinstool.core.choices import log_choice
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import DataError
@@ -27,7 +28,7 @@ from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
 from sinstool.io.readers.topics import NONE, optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
-from sinstool.survey.stuck import stuck_fixes, stuck_velocities
+from sinstool.survey.stuck import sent_again, stuck_fixes, stuck_velocities
 from sinstool.survey.velocity import Agreement, agreement, odd_frame, usual_noise
 
 S = TypeVar("S", bound=Stream)
@@ -82,7 +83,9 @@ def read_gnss(
         fixes, more = only(fixes, fixes.on_earth, receiver.topic, "not-on-earth", what)
         findings += more
     candidates = [
-        _velocities(log, options, topic, channels, fixes, log_time, until_ns)
+        _velocities(
+            log, options, topic, channels, replace(receiver, stream=fixes), log_time, until_ns
+        )
         for topic, channels in speeds.items()
     ]
     if fixes is not None and options.gnss_unit is None:
@@ -109,6 +112,7 @@ def read_gnss(
 
 
 NO_EVIDENCE = Agreement()
+NEVER = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,8 @@ class _Read(Generic[S]):
     """A topic that may be used: its messages, None where it has none that are any good.
 
     `agreement` and `frame` are of velocities: how they fit the fixes, and what is odd about the
-    names of their frames.
+    names of their frames. `no_fix_ns` and `again_ns` are of fixes: when the receiver had none, and
+    when it sent one again.
     """
 
     topic: str = ""
@@ -124,6 +129,8 @@ class _Read(Generic[S]):
     findings: tuple[Finding, ...] = ()
     agreement: Agreement = NO_EVIDENCE
     frame: str = ""
+    no_fix_ns: IntArray = field(default_factory=lambda: NEVER)
+    again_ns: IntArray = field(default_factory=lambda: NEVER)
 
 
 def _fixes(
@@ -137,7 +144,9 @@ def _fixes(
     """Valid fixes of a topic."""
     blocks = until(_stamped(read_fixes(log, channels, Losses()), options), until_ns)
     fixes, findings = in_order(blocks, log_time, topic)
+    no_fix_ns = again_ns = NEVER
     if fixes is not None:
+        no_fix_ns = fixes.time_ns[~fixes.has_fix]
         problem = ("no-fix", "messages hold no fix", Severity.NOTE)
         fixes, more = only(fixes, fixes.has_fix, topic, *problem)
         findings += more
@@ -147,7 +156,16 @@ def _fixes(
     if fixes is not None and options.gnss_unit == "rad":
         degrees = {"latitude": fixes.latitude / DEGREE, "longitude": fixes.longitude / DEGREE}
         fixes = replace(fixes, **degrees)
-    return _Read(topic, fixes, tuple(findings))
+    if fixes is not None:
+        again, times = sent_again(fixes)
+        again_ns = fixes.time_ns[again]
+        what = (
+            f"fixes are earlier ones with new stamps, as the driver sends each {times:.2g} times;"
+            " one of each is used"
+        )
+        fixes, more = only(fixes, ~again, topic, "sent-again", what, Severity.NOTE)
+        findings += more
+    return _Read(topic, fixes, tuple(findings), no_fix_ns=no_fix_ns, again_ns=again_ns)
 
 
 def _stamped(blocks: Iterable[S], options: InputOptions) -> Iterator[S]:
@@ -203,17 +221,21 @@ def _velocities(
     options: InputOptions,
     topic: str,
     channels: tuple[Channel, ...],
-    fixes: Gnss | None,
+    receiver: _Read[Gnss],
     log_time: bool,
     until_ns: int | None,
 ) -> _Read[Velocity]:
     """Velocities of a topic, held against the fixes."""
+    fixes = receiver.stream
     blocks = until(_stamped(read_velocity(log, channels, Losses()), options), until_ns)
     velocity, findings = in_order(blocks, log_time, topic)
     if velocity is not None:
         what = f"velocities are not finite or beyond {FASTEST_M_S:.0f} m/s; left out"
         good = _of_vehicles(velocity.velocity_n)
         velocity, more = only(velocity, good, topic, "no-vehicle-velocity", what)
+        findings += more
+    if fixes is not None and velocity is not None:
+        velocity, more = _with_a_fix(velocity, receiver, topic)
         findings += more
     fits = NO_EVIDENCE
     if fixes is not None and velocity is not None:
@@ -274,6 +296,32 @@ def _believed_velocity(
         answer = "--velocity-topic chooses another"
         findings.append(Finding("several-velocities", text, answer=answer, topic=best.topic))
     return best, [*best.findings, *findings]
+
+
+def _with_a_fix(
+    velocity: Velocity, receiver: _Read[Gnss], topic: str
+) -> tuple[Velocity | None, list[Finding]]:
+    """Velocities but for those of epochs at which their receiver measured nothing.
+
+    Without a fix drivers go on sending a velocity, of zero or of before, that claims any accuracy.
+    """
+    repeats = np.append(False, (velocity.velocity_n[1:] == velocity.velocity_n[:-1]).all(axis=1))
+    none = _stamped_at(velocity, receiver.no_fix_ns)
+    again = _stamped_at(velocity, receiver.again_ns) & repeats & ~none
+    what = "velocities are stamped as messages that hold no fix; left out"
+    kept, findings = only(velocity, ~none, topic, "no-fix-velocity", what, Severity.NOTE)
+    if kept is not None:
+        kept, _ = only(kept, ~again[~none], topic, "", "")  # told of their fixes
+    return kept, findings
+
+
+def _stamped_at(velocity: Velocity, times_ns: IntArray) -> BoolArray:
+    """Velocities of the epochs at some times, shape (m,)."""
+    at = np.zeros(len(velocity), np.bool_)
+    if len(times_ns):
+        partner, together = _partners(times_ns, velocity.time_ns)
+        at[partner[together]] = True
+    return at
 
 
 def _of_vehicles(velocity_n: np.ndarray) -> np.ndarray:

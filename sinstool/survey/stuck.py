@@ -1,4 +1,4 @@
-"""A receiver that hangs: it sends its last fix again while the vehicle goes on."""
+"""Fixes that are sent again: by a receiver that hangs, or by a driver that is faster than it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from sinstool.core.arrays import BoolArray
 from sinstool.core.earth import horizontal_metres
+from sinstool.core.order_statistics import quantile
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.survey.velocity import usual_noise
@@ -16,6 +17,40 @@ LEAST_ALIKE = 3
 # that hangs leaps: so many sigmas, so many times what it then moves from fix to fix, and so fast in
 # the mean, m/s.
 LEAP_SIGMAS, LEAP_STEPS, LEAP_SPEED = 5.0, 3.0, 0.3
+# A driver that sends its latest fix by a clock of its own sends nearly all of them equally often,
+# to one message or this share: the tenth and the nine tenths of so many rows of alike ones.
+LEAST_ROWS, UNEVEN, TENTHS = 10, 0.25, (0.1, 0.5, 0.9)
+
+
+def sent_again(fixes: Gnss) -> tuple[BoolArray, float]:
+    """Fixes of a driver that sends its latest one more often than the receiver measures.
+
+    A fix that is alike to the last bit is no measurement of its own, and its stamp is wrong. A
+    receiver that holds its position at rest, or rounds it, sends alike ones as well, but now for a
+    long time and then not at all.
+
+    Parameters
+    ----------
+    fixes : Gnss
+        By time.
+
+    Returns
+    -------
+    again : ndarray of bool, shape (n,)
+        All but one of those that a driver sends of a measurement.
+    times : float
+        How often it usually sends one.
+    """
+    again = np.zeros(len(fixes), dtype=np.bool_)
+    first = np.flatnonzero(np.append(True, ~_alike(fixes)))
+    if len(first) < LEAST_ROWS + 2:
+        return again, 1.0
+    low, usual, high = (float(quantile(np.diff(first)[1:], p)) for p in TENTHS)
+    if high < 2.0 or high - low > max(1.0, UNEVEN * usual):
+        return again, 1.0
+    count = np.arange(len(fixes)) - np.repeat(first, np.diff(np.append(first, len(fixes))))
+    again[:] = count % (int(high) + 1) > 0
+    return again, len(fixes) / float(np.count_nonzero(~again))
 
 
 def stuck_fixes(fixes: Gnss) -> BoolArray:

@@ -12,9 +12,15 @@ from sinstool.core.earth import displaced
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.io.readers import open_log
 from sinstool.survey.gnss import read_gnss
-from sinstool.survey.stuck import LEAP_STEPS, LEAST_ALIKE, stuck_fixes, stuck_velocities
+from sinstool.survey.stuck import (
+    LEAP_STEPS,
+    LEAST_ALIKE,
+    sent_again,
+    stuck_fixes,
+    stuck_velocities,
+)
 from tests.helpers.imulogs import T0
-from tests.helpers.unseen_drives import PERFECT, drive, frozen, record, write
+from tests.helpers.unseen_drives import PERFECT, drive, every, frozen, record, write
 
 
 def track(east, rate=5.0, sigma=0.5):
@@ -70,6 +76,34 @@ def test_a_slow_receiver_sent_on_quickly_leaves_one_of_each():
     assert np.count_nonzero(kept[:-10]) == 29 and kept[:-10][::10].all()
 
 
+@pytest.mark.parametrize("rates", [(10.0, 1.0), (10.0, 4.0), (10.0, 8.0), (50.0, 5.0), (2.0, 1.0)])
+@pytest.mark.parametrize("seed", range(5))
+def test_one_is_left_of_each_fix_that_a_faster_driver_sends_again(rates, seed):
+    """At rest as well: there no leap shows that the fixes between are none."""
+    sent, measured = rates
+    jitter = np.random.default_rng(seed).uniform(0.0, 0.3 / sent, 1000)
+    number = np.floor((np.arange(1000) / sent + jitter) * measured).astype(int)
+    t = np.arange(number[-1] + 1) / measured
+    way = noisy(10.0 * np.maximum(t - t[-1] / 2, 0.0), seed)
+    again, times = sent_again(track(way[number], sent))
+    new = np.append(True, np.diff(number) > 0)
+    assert not again[new].any() and np.count_nonzero(~again) <= 1.05 * np.count_nonzero(new)
+    assert times == pytest.approx(sent / measured, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_fixes_that_are_alike_by_chance_are_not_sent_again(seed):
+    assert not sent_again(track(noisy(np.zeros(500), seed)))[0].any()
+    # held at rest, in a drive with some stops
+    way = noisy(5.0 * np.arange(600), seed)
+    for begin in range(0, 600, 100):
+        way[begin : begin + 50] = way[begin]
+    assert not sent_again(track(way))[0].any()
+    # rounded to so many metres, at rest and on the way
+    way = np.append(noisy(np.zeros(200), seed, 0.05), noisy(10.0 * np.arange(200), seed, 0.05))
+    assert not sent_again(track(0.2 * np.round(way / 0.2)))[0].any()
+
+
 def test_heights_that_are_missing_are_alike():
     way = noisy(10.0 * np.arange(60), 3)
     way[20:30] = way[20]
@@ -123,3 +157,15 @@ def test_fixes_that_stand_to_the_end_while_the_velocity_goes_on(tmp_path):
     with open_log(write(tmp_path / "log.mcap", data)) as log:
         aiding = read_gnss(log, InputOptions(), False)
     assert "velocity-left-out" in {finding.kind for finding in aiding.findings}
+
+
+def test_velocities_that_are_sent_again_go_with_their_fixes(tmp_path):
+    truth = drive(41, 120.0, rest=20.0)
+    data = record(truth, PERFECT, 41, gnss_rate=10.0, sigma=1.0, sigma_v=0.05)
+    data = every(data, 10)
+    with open_log(write(tmp_path / "log.mcap", data)) as log:
+        aiding = read_gnss(log, InputOptions(), False)
+    assert len(aiding.gnss) == pytest.approx(120, abs=3)
+    assert aiding.gnss.has_position.all() and aiding.gnss.has_velocity.all()
+    (finding,) = (f for f in aiding.findings if f.kind == "sent-again")
+    assert "sends each 10 times" in finding.text and finding.severity.name == "NOTE"
