@@ -15,11 +15,7 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.core.arrays import BoolArray, IntArray
 from sinstool.core.choices import log_choice
-from sinstool.core.earth import horizontal_metres
-from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.order_statistics import median
-from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -28,14 +24,14 @@ from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
 from sinstool.io.readers.topics import NONE, optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
-from sinstool.survey.stuck import sent_again, stuck_fixes, stuck_velocities
+from sinstool.survey.fix_units import check_degrees, check_range
+from sinstool.survey.stuck import sent_again, stale_velocities, stuck_fixes, stuck_velocities
 from sinstool.survey.velocity import Agreement, agreement, odd_frame, usual_noise
 
 S = TypeVar("S", bound=Stream)
 
 # Position and velocity of one epoch may be stamped apart by the time between their messages.
 SAME_EPOCH_NS = 20_000_000
-PROBE = 100
 # Of the seconds of the receiver that has the most: one with fewer is no choice.
 NEARLY_ALL = 0.8
 # A velocity whose down part is exactly zero, while height moves by this, has none.
@@ -77,7 +73,7 @@ def read_gnss(
     receiver, findings = _best_receiver(receivers, tuple(speeds))
     fixes = receiver.stream
     if fixes is not None:
-        _check_range(log, receiver.topic, fixes)
+        check_range(log, receiver.topic, fixes)
         # a filter that starts at a damaged one would have to believe it
         what = "fixes are not on Earth; left out"
         fixes, more = only(fixes, fixes.on_earth, receiver.topic, "not-on-earth", what)
@@ -90,7 +86,7 @@ def read_gnss(
     ]
     if fixes is not None and options.gnss_unit is None:
         read = next((c.stream for c in candidates if c.stream is not None), None)
-        _check_degrees(log, receiver.topic, fixes, read)
+        check_degrees(log, receiver.topic, fixes, read)
     named = options.velocity_topic is not None
     chosen, more = _believed_velocity(candidates, receiver.topic, named)
     findings += more
@@ -107,6 +103,11 @@ def read_gnss(
         findings += more
     if fixes is not None:
         fixes, velocity, more = _without_stuck(fixes, velocity, receiver.topic)
+        findings += more
+    if fixes is not None and velocity is not None and not named:
+        what = "velocities repeat an earlier one, or are zero, though the fixes move on; left out"
+        stale = stale_velocities(fixes, velocity)
+        velocity, more = only(velocity, ~stale, chosen.topic, "stale-velocity", what)
         findings += more
     return AidingData(join(fixes, velocity), receiver.topic, chosen.topic, tuple(findings))
 
@@ -328,57 +329,6 @@ def _of_vehicles(velocity_n: np.ndarray) -> np.ndarray:
     """Plausible velocities of a vehicle, including those without a vertical part."""
     level = (np.abs(velocity_n[:, :2]) < FASTEST_M_S).all(axis=1)
     return np.asarray(level & ~(np.abs(velocity_n[:, 2]) >= FASTEST_M_S))
-
-
-def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None) -> None:
-    """Refuse latitude and longitude that are radians.
-
-    Small numbers alone are no proof: there are places near 0 N, 0 E. Where velocity is known,
-    the distance covered decides.
-    """
-    latitude, longitude = fixes.latitude / DEGREE, fixes.longitude / DEGREE
-    if np.abs(latitude).max() > np.pi / 2 or np.abs(longitude).max() > np.pi:
-        return
-    if velocity is not None and len(velocity) > 1:
-        seconds = np.diff(velocity.time_ns) * 1e-9
-        speed = np.linalg.norm(velocity.velocity_n[:, :2], axis=1)
-        travelled = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.minimum(seconds, 5.0)))
-        north, east = horizontal_metres(
-            np.diff(fixes.latitude), wrapped(np.diff(fixes.longitude)), fixes.latitude[1:]
-        )
-        # the leap of one bad fix is no way that was covered
-        way = np.hypot(north, east)
-        covered = float(np.sum(np.minimum(way, 10.0 * max(travelled / len(way), 1.0))))
-        if travelled > 20.0 and covered > 0.25 * travelled:
-            return
-    raise DataError(
-        log.path,
-        f"topic {topic}: latitudes are about {median(latitude):.4g} and longitudes"
-        f" {median(longitude):.4g}, as in radians",
-        "add --gnss-unit rad (or --gnss-unit deg if the log is right)",
-    )
-
-
-def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
-    """Refuse angles that are on no globe, and heights that no vehicle has."""
-    latitude = float(median(np.abs(fixes.latitude[:PROBE])) / DEGREE)
-    longitude = float(median(np.abs(fixes.longitude[:PROBE])) / DEGREE)
-    if latitude > 90.0 or longitude > 360.0:
-        raise DataError(
-            log.path,
-            f"topic {topic}: its latitudes are about {latitude:.6g} and longitudes"
-            f" {longitude:.6g}, which cannot be degrees",
-            "sensor_msgs/NavSatFix holds degrees (some drivers write 1e-7 degrees): convert it,"
-            " or name another topic with --gnss-topic",
-        )
-    heights = fixes.height[np.isfinite(fixes.height)][:PROBE]
-    if len(heights) and not -500.0 <= float(median(heights)) <= 60000.0:
-        raise DataError(
-            log.path,
-            f"topic {topic}: its altitudes are about {median(heights):.6g} m",
-            "sensor_msgs/NavSatFix holds metres (some drivers write millimetres): convert it, or"
-            " name another topic with --gnss-topic",
-        )
 
 
 def _without_flat(fixes: Gnss, velocity: Velocity, topic: str) -> tuple[Velocity, list[Finding]]:

@@ -17,6 +17,8 @@ LEAST_ALIKE = 3
 # that hangs leaps: so many sigmas, so many times what it then moves from fix to fix, and so fast in
 # the mean, m/s.
 LEAP_SIGMAS, LEAP_STEPS, LEAP_SPEED = 5.0, 3.0, 0.3
+# A velocity is not the one that it repeats if the way is another by such a share of it.
+OFF_SHARE = 0.25
 # A driver that sends its latest fix by a clock of its own sends nearly all of them equally often,
 # to one message or this share: the tenth and the nine tenths of so many rows of alike ones.
 LEAST_ROWS, UNEVEN, TENTHS = 10, 0.25, (0.1, 0.5, 0.9)
@@ -98,6 +100,47 @@ def stuck_velocities(fixes: Gnss, stuck: BoolArray, velocity: Velocity) -> BoolA
     again = np.append(False, (velocity.velocity_n[1:] == velocity.velocity_n[:-1]).all(axis=1))
     before = np.searchsorted(fixes.time_ns, velocity.time_ns, side="right") - 1
     return np.asarray(again & (before >= 0) & stuck[np.maximum(before, 0)])
+
+
+def stale_velocities(fixes: Gnss, velocity: Velocity) -> BoolArray:
+    """Velocities that are an earlier one sent again, or zero, though the fixes move otherwise.
+
+    Parameters
+    ----------
+    fixes, velocity : Gnss, Velocity
+        By time.
+
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+        Of velocities that are alike to the last bit all but the first, and all of them if they are
+        zero, if some fixes meanwhile are where it does not lead: by so many sigmas, and by a way
+        that takes such a speed. At rest they are alike, too, and right.
+    """
+    v = velocity.velocity_n
+    again = (v[1:] == v[:-1]) | (np.isnan(v[1:]) & np.isnan(v[:-1]))
+    first = np.flatnonzero(np.append(True, ~again.all(axis=1)))
+    counts = np.diff(np.append(first, len(v)))
+    stale = np.zeros(len(v), np.bool_)
+    least = LEAP_SIGMAS * np.sqrt(2.0) * usual_noise(fixes)
+    north, east = horizontal_metres(
+        fixes.latitude - fixes.latitude[0],
+        wrapped(fixes.longitude - fixes.longitude[0]),
+        fixes.latitude[0],
+    )
+    place = north + 1j * east
+    for a, count in zip(first.tolist(), counts.tolist(), strict=True):
+        if count < LEAST_ALIKE:
+            continue
+        begin = int(np.searchsorted(fixes.time_ns, velocity.time_ns[a]))
+        end = int(np.searchsorted(fixes.time_ns, velocity.time_ns[a + count - 1], "right"))
+        seconds = (fixes.time_ns[begin:end] - fixes.time_ns[begin : begin + 1]) * 1e-9
+        off = place[begin:end] - place[begin : begin + 1] - seconds * (v[a, 0] + 1j * v[a, 1])
+        other = max(LEAP_SPEED, OFF_SHARE * float(np.hypot(v[a, 0], v[a, 1])))
+        denied = np.abs(off) > np.maximum(least, other * seconds)
+        if np.count_nonzero(denied) >= LEAST_ALIKE:
+            stale[a + bool(v[a, :2].any()) : a + count] = True
+    return stale
 
 
 def _alike(fixes: Gnss) -> BoolArray:

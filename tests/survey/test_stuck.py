@@ -16,6 +16,7 @@ from sinstool.survey.stuck import (
     LEAP_STEPS,
     LEAST_ALIKE,
     sent_again,
+    stale_velocities,
     stuck_fixes,
     stuck_velocities,
 )
@@ -169,3 +170,50 @@ def test_velocities_that_are_sent_again_go_with_their_fixes(tmp_path):
     assert aiding.gnss.has_position.all() and aiding.gnss.has_velocity.all()
     (finding,) = (f for f in aiding.findings if f.kind == "sent-again")
     assert "sends each 10 times" in finding.text and finding.severity.name == "NOTE"
+
+
+def velocities(fixes, east, seed, noise=0.05):
+    """Those of fixes that are so far east, with noise."""
+    n = len(east)
+    rate = np.gradient(east, fixes.time_ns * 1e-9)
+    v = np.stack([np.zeros(n), rate, np.zeros(n)], axis=1)
+    v += noise * np.random.default_rng(seed).standard_normal((n, 3))
+    return Velocity(fixes.time_ns, fixes.log_time_ns, v, np.zeros((n, 3, 3)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("zero", [False, True])
+def test_a_velocity_that_stays_while_the_fixes_move_on_is_stale(seed, zero):
+    speed = 10.0 + 5.0 * np.sin(0.1 * np.arange(300))
+    east = np.cumsum(speed)
+    fixes = track(noisy(east, seed), rate=1.0)
+    velocity = velocities(fixes, east, seed)
+    v = velocity.velocity_n
+    v[100:160] = 0.0 if zero else v[100] * [1.0, 1.5, 1.0]
+    v[250:] = 0.0  # to the end
+    found = np.flatnonzero(stale_velocities(fixes, velocity))
+    assert found.tolist() == [*range(101 - zero, 160), *range(250, 300)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_velocity_that_stays_as_the_fixes_say_is_right(seed):
+    """Zero at rest beside a fix that is bad; and rounded to 0.1 m/s on a steady way."""
+    east = np.concatenate([np.zeros(150), 8.0 * np.arange(150)])
+    places = noisy(east, seed)
+    places[[50, 51]] += 200.0
+    fixes = track(places, rate=1.0)
+    velocity = velocities(fixes, east, seed, noise=0.02)
+    velocity.velocity_n[:148] = 0.0
+    velocity.velocity_n[:] = np.round(velocity.velocity_n, 1)
+    assert not stale_velocities(fixes, velocity).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_slow_robot_whose_receiver_has_no_velocity_is_not_held_to_stand(seed):
+    """Of a hundred metres, by which a velocity is denied otherwise, there is none here."""
+    random = np.random.default_rng(seed)
+    east = np.concatenate([np.zeros(20), np.cumsum(0.7 + 0.3 * random.random(60))])
+    fixes = track(east + 0.5 * random.standard_normal(80), rate=1.0)
+    velocity = velocities(fixes, east, seed)
+    velocity.velocity_n[:] = 0.0
+    assert stale_velocities(fixes, velocity).all()
