@@ -20,7 +20,7 @@ from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
-from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
+from sinstool.io.readers.message_types import FIX_TYPES, GPS_FIX_TYPES, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
 from sinstool.io.readers.topics import NONE, optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
@@ -63,13 +63,14 @@ def read_gnss(
     receivers = [
         _fixes(log, options, topic, channels, log_time, until_ns)
         for topic, channels in optional_topics(
-            log, "--gnss-topic", options.gnss_topic, FIX_TYPE
+            log, "--gnss-topic", options.gnss_topic, *FIX_TYPES
         ).items()
     ]
     velocity_topic = options.velocity_topic
     if velocity_topic is None and options.gnss_topic == NONE:
         velocity_topic = NONE  # who wants no GNSS wants none of the receiver
-    speeds = optional_topics(log, "--velocity-topic", velocity_topic, *VELOCITY_TYPES)
+    kinds = (*VELOCITY_TYPES, *GPS_FIX_TYPES)
+    speeds = optional_topics(log, "--velocity-topic", velocity_topic, *kinds)
     receiver, findings = _best_receiver(receivers, tuple(speeds))
     fixes = receiver.stream
     if fixes is not None:
