@@ -1,11 +1,19 @@
-"""Refusals of fixes whose numbers cannot be degrees and metres."""
+"""What the numbers of fixes tell: that they cannot be degrees and metres, or are rounded.
+
+Drivers keep positions as single-precision floats, which are 0.4 m apart at a latitude of 40 deg, or
+print few digits. That is noise of which the receiver does not know.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import DataError
+from sinstool.core.finding import Finding
 from sinstool.core.order_statistics import median
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Velocity
@@ -13,6 +21,13 @@ from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Log
 
 PROBE = 100
+# Where values are rounded, differences of so many that are neighbours in size, and not further
+# apart than so many of the smallest differences, are multiples of it, to such a share.
+LEAST_STEPS, NEAR_STEPS, WHOLE = 20, 50.0, 0.05
+# If they are, more than such a share are larger ones, or most values are there several times.
+ODD_SHARE = 0.1
+# Rounding worth less than this share of the variance that a receiver states goes without saying.
+WORTH_SAYING = 0.25
 
 
 def check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None) -> None:
@@ -64,3 +79,48 @@ def check_range(log: Log, topic: str, fixes: Gnss) -> None:
             "sensor_msgs/NavSatFix holds metres (some drivers write millimetres): convert it, or"
             " name another topic with --gnss-topic",
         )
+
+
+def with_rounding(fixes: Gnss, topic: str) -> tuple[Gnss, list[Finding]]:
+    """Fixes whose covariances include that their numbers are rounded.
+
+    Parameters
+    ----------
+    fixes : Gnss
+        In whichever order.
+    """
+    latitude, longitude = _rounded_to(fixes.latitude), _rounded_to(fixes.longitude)
+    north, east = horizontal_metres(latitude, longitude, float(median(fixes.latitude)))
+    step = np.array([north, east, _rounded_to(fixes.height)])
+    stated = fixes.covariance_type > 0
+    if not step.any() or not stated.any():
+        return fixes, []
+    more = step**2 / 12.0  # errors of rounding are uniform
+    variance = np.einsum("nii->ni", fixes.covariance_n)[stated]
+    covariance = fixes.covariance_n.copy()
+    covariance[stated] += np.diag(more)
+    findings = []
+    if np.any(more > WORTH_SAYING * median(variance, axis=0)):
+        shown = " by ".join(f"{metres:.2g}" for metres in step)
+        text = (
+            f"topic {topic}: positions are rounded to {shown} m (north, east, down; 0: not), more"
+            " than the receiver's covariances tell, perhaps by its driver; they are made larger"
+            " accordingly"
+        )
+        numbers = dict(zip(("north_m", "east_m", "down_m"), step.tolist(), strict=True))
+        findings.append(Finding("rounded-fixes", text, topic=topic, numbers=numbers))
+    return replace(fixes, covariance_n=covariance), findings
+
+
+def _rounded_to(values: FloatArray) -> float:
+    """The step that all values are multiples of; 0 where there is none."""
+    kept, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+    apart = np.diff(kept)
+    if len(apart) < LEAST_STEPS:
+        return 0.0
+    step = float(apart.min())
+    near = apart[apart < NEAR_STEPS * step] / step
+    whole = len(near) >= LEAST_STEPS and np.all(np.abs(near - np.rint(near)) <= WHOLE)
+    # All of an even motion are multiples, too: most of one step, and there once
+    varied = np.mean(near > 1.5) > ODD_SHARE or median(counts) > 1.0
+    return step if whole and varied else 0.0

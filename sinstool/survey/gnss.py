@@ -24,7 +24,7 @@ from sinstool.io.readers.message_types import FIX_TYPES, GPS_FIX_TYPES, VELOCITY
 from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
 from sinstool.io.readers.topics import NONE, optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
-from sinstool.survey.fix_units import check_degrees, check_range
+from sinstool.survey.fix_units import check_degrees, check_range, with_rounding
 from sinstool.survey.stuck import sent_again, stale_velocities, stuck_fixes, stuck_velocities
 from sinstool.survey.velocity import Agreement, agreement, odd_frame, usual_noise
 
@@ -159,6 +159,8 @@ def _fixes(
         degrees = {"latitude": fixes.latitude / DEGREE, "longitude": fixes.longitude / DEGREE}
         fixes = replace(fixes, **degrees)
     if fixes is not None:
+        fixes, more = with_rounding(fixes, topic)
+        findings += more
         again, times = sent_again(fixes)
         again_ns = fixes.time_ns[again]
         what = (

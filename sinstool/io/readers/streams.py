@@ -261,7 +261,7 @@ def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterato
 
 
 def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
-    """Velocity over ground (TwistStamped, TwistWithCovarianceStamped, Odometry: world ENU; GPSFix)."""
+    """Velocity over ground (TwistStamped, TwistWithCovarianceStamped, Odometry in ENU; GPSFix)."""
     if channels[0].type in GPS_FIX_TYPES:
         yield from _velocity_of_fixes(log, channels, losses)
         return
