@@ -270,7 +270,7 @@ def survey(
             source = _spanned(source, span)
         if left_out is not None:
             source = left_out.applied(source)
-        source, suspects = reblock(source, block_rows), Suspects(increments)
+        source, suspects = reblock(source, block_rows), Suspects()
         in_order = ordered(source if read is None else read.watch(source), order)
         if left_out is None:
             in_order = suspects.watch(in_order)

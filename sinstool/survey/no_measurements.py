@@ -86,16 +86,9 @@ class _Run:
 
 
 class Suspects:
-    """Looks at samples in the order of time, in blocks of any length, and says which are none.
+    """Looks at samples in the order of time, in blocks of any length, and says which are none."""
 
-    Parameters
-    ----------
-    increments : bool
-        Samples are increments, not rates.
-    """
-
-    def __init__(self, increments: bool) -> None:
-        self._increments = increments
+    def __init__(self) -> None:
         self._near_ns = np.zeros(0, np.int64)
         self._near = np.zeros((0, 6))
         self._runs: list[_Run] = []
@@ -205,7 +198,7 @@ class Suspects:
         single = moved[number, axis] < SHARE * off[number, axis]
         leap = np.minimum(there, back)[row, axis]
         seconds = (self._near_ns[at + 1] - self._near_ns[at - 1]) * 0.5e-9
-        turn = (axis < 3) & (leap * (1.0 if self._increments else seconds) > TURN)
+        turn = (axis < 3) & (leap * seconds > TURN)
         off[number, axis] = 0.0
         single &= (off <= CALM * moved).all(axis=1) | turn
         for k in np.flatnonzero(single).tolist():
@@ -214,7 +207,7 @@ class Suspects:
 
     def found(self) -> LeftOut | None:
         """What is to be left out; None where nothing is."""
-        # Neither of data without gravity nor of a topic of zeros a value can be told to be wrong
+        # Neither of data without gravity, nor of increments, nor of a topic of zeros that is told
         zeros = np.concatenate(self._zeros) if self._zeros else np.zeros(0, np.int64)
         if not self._force > LEAST_FORCE * self._count or 2 * len(zeros) > self._count:
             return None
@@ -231,7 +224,7 @@ class Suspects:
         if not spans:
             return None
         first, last = np.array(sorted(spans), np.int64).T
-        return LeftOut(first.copy(), last.copy(), hung, len(wrong))
+        return LeftOut(first.copy(), np.maximum.accumulate(last), hung, len(wrong))
 
     def _hangs(self) -> list[_Run]:
         """Runs of alike samples that are none."""

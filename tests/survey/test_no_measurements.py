@@ -36,9 +36,9 @@ def imu(rows, rate=RATE):
     return Imu(times, times, rows[:, :3].copy(), rows[:, 3:].copy(), None)
 
 
-def found(rows, cuts=(), rate=RATE, increments=False):
+def found(rows, cuts=(), rate=RATE):
     """Rows that are left out."""
-    whole, suspects = imu(rows, rate), Suspects(increments)
+    whole, suspects = imu(rows, rate), Suspects()
     edges = [0, *cuts, len(rows)]
     blocks = [whole.rows(np.arange(a, b)) for a, b in pairwise(edges)]
     for _ in suspects.watch(iter(blocks)):
