@@ -18,8 +18,8 @@ Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 # Types of the messages that an option's topic may have
 TOPIC_TYPES = {
     "imu_topic": (message_types.IMU_TYPE,),
-    "gnss_topic": (message_types.FIX_TYPE,),
-    "velocity_topic": message_types.VELOCITY_TYPES,
+    "gnss_topic": message_types.FIX_TYPES,
+    "velocity_topic": (*message_types.VELOCITY_TYPES, *message_types.GPS_FIX_TYPES),
     "wheels": (message_types.JOINT_TYPE, *message_types.VELOCITY_TYPES),
     "baro_topic": (message_types.PRESSURE_TYPE, *message_types.HEIGHT_TYPES),
     "magnetometer": (message_types.MAGNETIC_TYPE,),

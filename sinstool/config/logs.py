@@ -107,8 +107,8 @@ class InputOptions(Group):
     )
     gnss_topic: str | None = option(
         None,
-        "topic with NavSatFix messages, or none, which also leaves out the receiver's velocity"
-        " unless --velocity-topic names it (default: the best one in the log)",
+        "topic with NavSatFix or GPSFix messages, or none, which also leaves out the receiver's"
+        " velocity unless --velocity-topic names it (default: the best one in the log)",
         "TOPIC",
     )
     velocity_topic: str | None = option(

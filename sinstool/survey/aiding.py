@@ -19,7 +19,7 @@ from sinstool.core.streams import Baro, BaroHeight, GnssEpochs, Stream
 from sinstool.core.timeline import sorted_stream
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import (
-    FIX_TYPE,
+    FIX_TYPES,
     HEIGHT_TYPES,
     JOINT_TYPE,
     PRESSURE_TYPE,
@@ -77,7 +77,7 @@ class AidingData:
 
 def aiding_channels(log: Log, barometer: bool, wheels: bool) -> list[int]:
     """Channels that GNSS may be read from, and if need be these, but for outputs of ours."""
-    types = {FIX_TYPE, *VELOCITY_TYPES}
+    types = {*FIX_TYPES, *VELOCITY_TYPES}
     if barometer:
         types |= {PRESSURE_TYPE, *HEIGHT_TYPES}
     if wheels:

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.order_statistics import quantile
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import GAP_INTERVALS, SECOND
 
@@ -171,9 +172,13 @@ def _usual_interval(stamp_ns: IntArray) -> float:
     """Interval of most samples, ns: where few are missing, most stretches have them all.
 
     Halves of stretches are compared by their means. Of samples that come in batches, a single
-    stamp is late by up to a batch, and always by as much where the batches divide a stretch.
+    stamp is late by up to a batch, and always by as much where the batches divide a stretch. Half a
+    stretch holds a batch at least: as many as there are to each interval longer than the mean.
     """
-    half = LEAST_SAMPLES // 2
+    steps = np.diff(stamp_ns).astype(np.float64)
+    steps = np.minimum(steps, quantile(steps, 0.99))  # gaps aside
+    batch = len(steps) / np.count_nonzero(steps >= steps.mean())
+    half = min(max(LEAST_SAMPLES // 2, ceil(2.0 * batch)), len(stamp_ns) // 4)
     sums = np.concatenate([[0], np.cumsum(stamp_ns - stamp_ns[0])])
     means = (sums[half:] - sums[:-half]) / half
     return float(np.median(means[half:] - means[:-half])) / half

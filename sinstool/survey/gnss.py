@@ -7,34 +7,31 @@ that answers them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from sinstool.config import InputOptions
+from sinstool.core.arrays import BoolArray, IntArray
 from sinstool.core.choices import log_choice
-from sinstool.core.earth import horizontal_metres
-from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.order_statistics import median
-from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
-from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
+from sinstool.io.readers.message_types import FIX_TYPES, GPS_FIX_TYPES, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
 from sinstool.io.readers.topics import NONE, optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
-from sinstool.survey.stuck import stuck_fixes, stuck_velocities
+from sinstool.survey.fix_units import check_degrees, check_range, with_rounding
+from sinstool.survey.stuck import sent_again, stale_velocities, stuck_fixes, stuck_velocities
 from sinstool.survey.velocity import Agreement, agreement, odd_frame, usual_noise
 
 S = TypeVar("S", bound=Stream)
 
 # Position and velocity of one epoch may be stamped apart by the time between their messages.
 SAME_EPOCH_NS = 20_000_000
-PROBE = 100
 # Of the seconds of the receiver that has the most: one with fewer is no choice.
 NEARLY_ALL = 0.8
 # A velocity whose down part is exactly zero, while height moves by this, has none.
@@ -66,28 +63,31 @@ def read_gnss(
     receivers = [
         _fixes(log, options, topic, channels, log_time, until_ns)
         for topic, channels in optional_topics(
-            log, "--gnss-topic", options.gnss_topic, FIX_TYPE
+            log, "--gnss-topic", options.gnss_topic, *FIX_TYPES
         ).items()
     ]
     velocity_topic = options.velocity_topic
     if velocity_topic is None and options.gnss_topic == NONE:
         velocity_topic = NONE  # who wants no GNSS wants none of the receiver
-    speeds = optional_topics(log, "--velocity-topic", velocity_topic, *VELOCITY_TYPES)
+    kinds = (*VELOCITY_TYPES, *GPS_FIX_TYPES)
+    speeds = optional_topics(log, "--velocity-topic", velocity_topic, *kinds)
     receiver, findings = _best_receiver(receivers, tuple(speeds))
     fixes = receiver.stream
     if fixes is not None:
-        _check_range(log, receiver.topic, fixes)
+        check_range(log, receiver.topic, fixes)
         # a filter that starts at a damaged one would have to believe it
         what = "fixes are not on Earth; left out"
         fixes, more = only(fixes, fixes.on_earth, receiver.topic, "not-on-earth", what)
         findings += more
     candidates = [
-        _velocities(log, options, topic, channels, fixes, log_time, until_ns)
+        _velocities(
+            log, options, topic, channels, replace(receiver, stream=fixes), log_time, until_ns
+        )
         for topic, channels in speeds.items()
     ]
     if fixes is not None and options.gnss_unit is None:
         read = next((c.stream for c in candidates if c.stream is not None), None)
-        _check_degrees(log, receiver.topic, fixes, read)
+        check_degrees(log, receiver.topic, fixes, read)
     named = options.velocity_topic is not None
     chosen, more = _believed_velocity(candidates, receiver.topic, named)
     findings += more
@@ -105,10 +105,16 @@ def read_gnss(
     if fixes is not None:
         fixes, velocity, more = _without_stuck(fixes, velocity, receiver.topic)
         findings += more
+    if fixes is not None and velocity is not None and not named:
+        what = "velocities repeat an earlier one, or are zero, though the fixes move on; left out"
+        stale = stale_velocities(fixes, velocity)
+        velocity, more = only(velocity, ~stale, chosen.topic, "stale-velocity", what)
+        findings += more
     return AidingData(join(fixes, velocity), receiver.topic, chosen.topic, tuple(findings))
 
 
 NO_EVIDENCE = Agreement()
+NEVER = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -116,7 +122,8 @@ class _Read(Generic[S]):
     """A topic that may be used: its messages, None where it has none that are any good.
 
     `agreement` and `frame` are of velocities: how they fit the fixes, and what is odd about the
-    names of their frames.
+    names of their frames. `no_fix_ns` and `again_ns` are of fixes: when the receiver had none, and
+    when it sent one again.
     """
 
     topic: str = ""
@@ -124,6 +131,8 @@ class _Read(Generic[S]):
     findings: tuple[Finding, ...] = ()
     agreement: Agreement = NO_EVIDENCE
     frame: str = ""
+    no_fix_ns: IntArray = field(default_factory=lambda: NEVER)
+    again_ns: IntArray = field(default_factory=lambda: NEVER)
 
 
 def _fixes(
@@ -137,7 +146,9 @@ def _fixes(
     """Valid fixes of a topic."""
     blocks = until(_stamped(read_fixes(log, channels, Losses()), options), until_ns)
     fixes, findings = in_order(blocks, log_time, topic)
+    no_fix_ns = again_ns = NEVER
     if fixes is not None:
+        no_fix_ns = fixes.time_ns[~fixes.has_fix]
         problem = ("no-fix", "messages hold no fix", Severity.NOTE)
         fixes, more = only(fixes, fixes.has_fix, topic, *problem)
         findings += more
@@ -147,7 +158,18 @@ def _fixes(
     if fixes is not None and options.gnss_unit == "rad":
         degrees = {"latitude": fixes.latitude / DEGREE, "longitude": fixes.longitude / DEGREE}
         fixes = replace(fixes, **degrees)
-    return _Read(topic, fixes, tuple(findings))
+    if fixes is not None:
+        fixes, more = with_rounding(fixes, topic)
+        findings += more
+        again, times = sent_again(fixes)
+        again_ns = fixes.time_ns[again]
+        what = (
+            f"fixes are earlier ones with new stamps, as the driver sends each {times:.2g} times;"
+            " one of each is used"
+        )
+        fixes, more = only(fixes, ~again, topic, "sent-again", what, Severity.NOTE)
+        findings += more
+    return _Read(topic, fixes, tuple(findings), no_fix_ns=no_fix_ns, again_ns=again_ns)
 
 
 def _stamped(blocks: Iterable[S], options: InputOptions) -> Iterator[S]:
@@ -203,17 +225,21 @@ def _velocities(
     options: InputOptions,
     topic: str,
     channels: tuple[Channel, ...],
-    fixes: Gnss | None,
+    receiver: _Read[Gnss],
     log_time: bool,
     until_ns: int | None,
 ) -> _Read[Velocity]:
     """Velocities of a topic, held against the fixes."""
+    fixes = receiver.stream
     blocks = until(_stamped(read_velocity(log, channels, Losses()), options), until_ns)
     velocity, findings = in_order(blocks, log_time, topic)
     if velocity is not None:
         what = f"velocities are not finite or beyond {FASTEST_M_S:.0f} m/s; left out"
         good = _of_vehicles(velocity.velocity_n)
         velocity, more = only(velocity, good, topic, "no-vehicle-velocity", what)
+        findings += more
+    if fixes is not None and velocity is not None:
+        velocity, more = _with_a_fix(velocity, receiver, topic)
         findings += more
     fits = NO_EVIDENCE
     if fixes is not None and velocity is not None:
@@ -276,61 +302,36 @@ def _believed_velocity(
     return best, [*best.findings, *findings]
 
 
+def _with_a_fix(
+    velocity: Velocity, receiver: _Read[Gnss], topic: str
+) -> tuple[Velocity | None, list[Finding]]:
+    """Velocities but for those of epochs at which their receiver measured nothing.
+
+    Without a fix drivers go on sending a velocity, of zero or of before, that claims any accuracy.
+    """
+    repeats = np.append(False, (velocity.velocity_n[1:] == velocity.velocity_n[:-1]).all(axis=1))
+    none = _stamped_at(velocity, receiver.no_fix_ns)
+    again = _stamped_at(velocity, receiver.again_ns) & repeats & ~none
+    what = "velocities are stamped as messages that hold no fix; left out"
+    kept, findings = only(velocity, ~none, topic, "no-fix-velocity", what, Severity.NOTE)
+    if kept is not None:
+        kept, _ = only(kept, ~again[~none], topic, "", "")  # told of their fixes
+    return kept, findings
+
+
+def _stamped_at(velocity: Velocity, times_ns: IntArray) -> BoolArray:
+    """Velocities of the epochs at some times, shape (m,)."""
+    at = np.zeros(len(velocity), np.bool_)
+    if len(times_ns):
+        partner, together = _partners(times_ns, velocity.time_ns)
+        at[partner[together]] = True
+    return at
+
+
 def _of_vehicles(velocity_n: np.ndarray) -> np.ndarray:
     """Plausible velocities of a vehicle, including those without a vertical part."""
     level = (np.abs(velocity_n[:, :2]) < FASTEST_M_S).all(axis=1)
     return np.asarray(level & ~(np.abs(velocity_n[:, 2]) >= FASTEST_M_S))
-
-
-def _check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None) -> None:
-    """Refuse latitude and longitude that are radians.
-
-    Small numbers alone are no proof: there are places near 0 N, 0 E. Where velocity is known,
-    the distance covered decides.
-    """
-    latitude, longitude = fixes.latitude / DEGREE, fixes.longitude / DEGREE
-    if np.abs(latitude).max() > np.pi / 2 or np.abs(longitude).max() > np.pi:
-        return
-    if velocity is not None and len(velocity) > 1:
-        seconds = np.diff(velocity.time_ns) * 1e-9
-        speed = np.linalg.norm(velocity.velocity_n[:, :2], axis=1)
-        travelled = float(np.sum(0.5 * (speed[1:] + speed[:-1]) * np.minimum(seconds, 5.0)))
-        north, east = horizontal_metres(
-            np.diff(fixes.latitude), wrapped(np.diff(fixes.longitude)), fixes.latitude[1:]
-        )
-        # the leap of one bad fix is no way that was covered
-        way = np.hypot(north, east)
-        covered = float(np.sum(np.minimum(way, 10.0 * max(travelled / len(way), 1.0))))
-        if travelled > 20.0 and covered > 0.25 * travelled:
-            return
-    raise DataError(
-        log.path,
-        f"topic {topic}: latitudes are about {median(latitude):.4g} and longitudes"
-        f" {median(longitude):.4g}, as in radians",
-        "add --gnss-unit rad (or --gnss-unit deg if the log is right)",
-    )
-
-
-def _check_range(log: Log, topic: str, fixes: Gnss) -> None:
-    """Refuse angles that are on no globe, and heights that no vehicle has."""
-    latitude = float(median(np.abs(fixes.latitude[:PROBE])) / DEGREE)
-    longitude = float(median(np.abs(fixes.longitude[:PROBE])) / DEGREE)
-    if latitude > 90.0 or longitude > 360.0:
-        raise DataError(
-            log.path,
-            f"topic {topic}: its latitudes are about {latitude:.6g} and longitudes"
-            f" {longitude:.6g}, which cannot be degrees",
-            "sensor_msgs/NavSatFix holds degrees (some drivers write 1e-7 degrees): convert it,"
-            " or name another topic with --gnss-topic",
-        )
-    heights = fixes.height[np.isfinite(fixes.height)][:PROBE]
-    if len(heights) and not -500.0 <= float(median(heights)) <= 60000.0:
-        raise DataError(
-            log.path,
-            f"topic {topic}: its altitudes are about {median(heights):.6g} m",
-            "sensor_msgs/NavSatFix holds metres (some drivers write millimetres): convert it, or"
-            " name another topic with --gnss-topic",
-        )
 
 
 def _without_flat(fixes: Gnss, velocity: Velocity, topic: str) -> tuple[Velocity, list[Finding]]:

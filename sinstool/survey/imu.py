@@ -8,7 +8,7 @@ shows what `process` uses.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Protocol
 
@@ -35,6 +35,7 @@ from sinstool.io.readers.streams import LARGEST, ImuUnits, Losses, frame_id, rea
 from sinstool.io.readers.topics import ImuTopic
 from sinstool.methods.alignment.still import StillSpan, Windows, lead_in, still_spans
 from sinstool.survey.even_stamps import EvenStamps
+from sinstool.survey.no_measurements import LeftOut, Suspects
 from sinstool.survey.orientation import OrientationFault, orientation_fault
 from sinstool.survey.rest import calmer
 from sinstool.survey.tally import CROWD, Tally
@@ -145,6 +146,8 @@ class Survey:
     even : EvenStamps or None
         Times of samples that a sensor takes evenly, where stamps jitter: intervals and gaps are by
         these, while `first_ns`, windows, spans and orientations keep their stamps.
+    left_out : LeftOut or None
+        Samples that are no measurements, and are as if they had not been recorded.
     """
 
     topic: str
@@ -183,6 +186,7 @@ class Survey:
     frame_id: str
     gyro_unit: UnitEvidence
     even: EvenStamps | None = None
+    left_out: LeftOut | None = None
 
     @property
     def rate_hz(self) -> float:
@@ -247,6 +251,7 @@ def survey(
         The topic has no usable sample in the span.
     """
     log_time, note, horizon = False, "", FIRST_HORIZON
+    left_out: LeftOut | None = None
     while True:
         losses = Losses()
         order = Order(horizon)
@@ -264,8 +269,12 @@ def survey(
         source = extent.watch(blocks)
         if span is not None:
             source = _spanned(source, span)
-        source = reblock(source, block_rows)
+        if left_out is not None:
+            source = left_out.applied(source)
+        source, suspects = reblock(source, block_rows), Suspects()
         in_order = ordered(source if read is None else read.watch(source), order)
+        if left_out is None:
+            in_order = suspects.watch(in_order)
         measured = mean_rates(in_order) if increments else in_order
         for block in measured if judged is None else judged.watch(measured):
             tally.add(block)
@@ -280,9 +289,16 @@ def survey(
         if counts.lateness_ns > horizon and horizon < LAST_HORIZON:
             horizon = min(LAST_HORIZON, 1 << int(counts.lateness_ns).bit_length())
             continue
+        if left_out is None:
+            left_out = suspects.found()
+            if left_out is not None:
+                continue  # as if they had not been recorded
         break
     frame = frame_id(log, topic.channels, topic.path)
-    return _conclude(topic, units.body_axes, tally, order, losses, log_time, note, max_gap_s, frame)
+    found = _conclude(
+        topic, units.body_axes, tally, order, losses, log_time, note, max_gap_s, frame
+    )
+    return replace(found, left_out=left_out)
 
 
 def _nothing(log: Log, topic: ImuTopic, losses: Losses, extent: _Extent) -> DataError:

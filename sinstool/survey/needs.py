@@ -6,7 +6,7 @@ from sinstool.config import InputOptions, ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.core.errors import TopicError
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.message_types import FIX_TYPE
+from sinstool.io.readers.message_types import FIX_TYPES
 from sinstool.io.readers.topics import NONE, optional_topics
 
 
@@ -56,6 +56,6 @@ def may_need_mount(config: ProcessConfig) -> bool:
 def has_gnss(log: Log, options: InputOptions) -> bool:
     """Whether a log has a topic with fixes that may be used."""
     try:
-        return bool(optional_topics(log, "--gnss-topic", options.gnss_topic, FIX_TYPE))
+        return bool(optional_topics(log, "--gnss-topic", options.gnss_topic, *FIX_TYPES))
     except TopicError:
         return False

@@ -338,6 +338,21 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
             " they were left out",
             severity=Severity.LOST,
         )
+    out = s.left_out
+    if out is not None and out.hung:
+        yield Finding(
+            "imu-hangs",
+            f"{out.hung} samples are all zero, or repeat all six values of the one before"
+            " several times and then leap: the sensor or its driver hung; they were left out",
+            numbers={"samples": out.hung},
+        )
+    if out is not None and out.wrong:
+        yield Finding(
+            "wrong-values",
+            f"in {out.wrong} samples a value leaps far off those before and after, as no motion"
+            " does, but an error of transmission; they were left out",
+            numbers={"samples": out.wrong},
+        )
     held = s.held - _without_noise(s)
     if held > HELD_SHARE * s.count:
         yield Finding(

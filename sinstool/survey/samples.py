@@ -109,6 +109,8 @@ def samples_again(
             log, topic.channels, units, Losses(), path=topic.path, log_time=log_time,
             progress=progress,
         )  # fmt: skip
+        if survey.left_out is not None:
+            raw = survey.left_out.applied(raw)
     inside = within(raw, begin_ns, end_ns)
     blocks = ordered(reblock(inside, rows), Order(survey.horizon_ns))
     if even is None:

@@ -41,6 +41,8 @@ from sinstool.survey.wheels import WheelSpeeds, read_wheels
 
 # Stamps that vary by more of an interval may be of receipt.
 JITTER = 0.2
+# Or samples are so many times further apart in the mean than most of them.
+BATCHES = 2.0
 
 
 @dataclass(frozen=True)
@@ -268,7 +270,10 @@ def _jitters(found: Survey, options: InputOptions) -> bool:
     """Whether stamps jitter by so much that they may be of receipt."""
     if options.imu_rate is not None or options.imu_stamps == "kept":
         return False
-    return options.imu_stamps == "even" or found.interval_spread_ns > JITTER * found.interval_ns
+    if options.imu_stamps == "even" or found.interval_spread_ns > JITTER * found.interval_ns:
+        return True
+    # In batches of ten and more nine of ten intervals are equally short
+    return found.last_ns - found.first_ns > BATCHES * found.count * found.interval_ns
 
 
 def _evened(found: Survey, even: EvenStamps, options: InputOptions) -> Survey:

@@ -1,4 +1,4 @@
-"""A receiver that hangs: it sends its last fix again while the vehicle goes on."""
+"""Fixes that are sent again: by a receiver that hangs, or by a driver that is faster than it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from sinstool.core.arrays import BoolArray
 from sinstool.core.earth import horizontal_metres
+from sinstool.core.order_statistics import quantile
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.survey.velocity import usual_noise
@@ -16,6 +17,42 @@ LEAST_ALIKE = 3
 # that hangs leaps: so many sigmas, so many times what it then moves from fix to fix, and so fast in
 # the mean, m/s.
 LEAP_SIGMAS, LEAP_STEPS, LEAP_SPEED = 5.0, 3.0, 0.3
+# A velocity is not the one that it repeats if the way is another by such a share of it.
+OFF_SHARE = 0.25
+# A driver that sends its latest fix by a clock of its own sends nearly all of them equally often,
+# to one message or this share: the tenth and the nine tenths of so many rows of alike ones.
+LEAST_ROWS, UNEVEN, TENTHS = 10, 0.25, (0.1, 0.5, 0.9)
+
+
+def sent_again(fixes: Gnss) -> tuple[BoolArray, float]:
+    """Fixes of a driver that sends its latest one more often than the receiver measures.
+
+    A fix that is alike to the last bit is no measurement of its own, and its stamp is wrong. A
+    receiver that holds its position at rest, or rounds it, sends alike ones as well, but now for a
+    long time and then not at all.
+
+    Parameters
+    ----------
+    fixes : Gnss
+        By time.
+
+    Returns
+    -------
+    again : ndarray of bool, shape (n,)
+        All but one of those that a driver sends of a measurement.
+    times : float
+        How often it usually sends one.
+    """
+    again = np.zeros(len(fixes), dtype=np.bool_)
+    first = np.flatnonzero(np.append(True, ~_alike(fixes)))
+    if len(first) < LEAST_ROWS + 2:
+        return again, 1.0
+    low, usual, high = (float(quantile(np.diff(first)[1:], p)) for p in TENTHS)
+    if high < 2.0 or high - low > max(1.0, UNEVEN * usual):
+        return again, 1.0
+    count = np.arange(len(fixes)) - np.repeat(first, np.diff(np.append(first, len(fixes))))
+    again[:] = count % (int(high) + 1) > 0
+    return again, len(fixes) / float(np.count_nonzero(~again))
 
 
 def stuck_fixes(fixes: Gnss) -> BoolArray:
@@ -63,6 +100,47 @@ def stuck_velocities(fixes: Gnss, stuck: BoolArray, velocity: Velocity) -> BoolA
     again = np.append(False, (velocity.velocity_n[1:] == velocity.velocity_n[:-1]).all(axis=1))
     before = np.searchsorted(fixes.time_ns, velocity.time_ns, side="right") - 1
     return np.asarray(again & (before >= 0) & stuck[np.maximum(before, 0)])
+
+
+def stale_velocities(fixes: Gnss, velocity: Velocity) -> BoolArray:
+    """Velocities that are an earlier one sent again, or zero, though the fixes move otherwise.
+
+    Parameters
+    ----------
+    fixes, velocity : Gnss, Velocity
+        By time.
+
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+        Of velocities that are alike to the last bit all but the first, and all of them if they are
+        zero, if some fixes meanwhile are where it does not lead: by so many sigmas, and by a way
+        that takes such a speed. At rest they are alike, too, and right.
+    """
+    v = velocity.velocity_n
+    again = (v[1:] == v[:-1]) | (np.isnan(v[1:]) & np.isnan(v[:-1]))
+    first = np.flatnonzero(np.append(True, ~again.all(axis=1)))
+    counts = np.diff(np.append(first, len(v)))
+    stale = np.zeros(len(v), np.bool_)
+    least = LEAP_SIGMAS * np.sqrt(2.0) * usual_noise(fixes)
+    north, east = horizontal_metres(
+        fixes.latitude - fixes.latitude[0],
+        wrapped(fixes.longitude - fixes.longitude[0]),
+        fixes.latitude[0],
+    )
+    place = north + 1j * east
+    for a, count in zip(first.tolist(), counts.tolist(), strict=True):
+        if count < LEAST_ALIKE:
+            continue
+        begin = int(np.searchsorted(fixes.time_ns, velocity.time_ns[a]))
+        end = int(np.searchsorted(fixes.time_ns, velocity.time_ns[a + count - 1], "right"))
+        seconds = (fixes.time_ns[begin:end] - fixes.time_ns[begin : begin + 1]) * 1e-9
+        off = place[begin:end] - place[begin : begin + 1] - seconds * (v[a, 0] + 1j * v[a, 1])
+        other = max(LEAP_SPEED, OFF_SHARE * float(np.hypot(v[a, 0], v[a, 1])))
+        denied = np.abs(off) > np.maximum(least, other * seconds)
+        if np.count_nonzero(denied) >= LEAST_ALIKE:
+            stale[a + bool(v[a, :2].any()) : a + count] = True
+    return stale
 
 
 def _alike(fixes: Gnss) -> BoolArray:

@@ -445,6 +445,12 @@ def frozen(data, begin, length):
     return replace(data, fixes=replace(f.rows(k), seconds=f.seconds))
 
 
+def every(data, times):
+    """A driver that sends the receiver's latest fix so many times."""
+    k = np.arange(len(data.fixes.seconds))
+    return replace(data, fixes=replace(data.fixes.rows(k - k % times), seconds=data.fixes.seconds))
+
+
 # --- logs --------------------------------------------------------------------------------------
 
 

@@ -139,6 +139,21 @@ def test_what_is_no_fix_is_counted(tmp_path):
     assert np.isnan(into.gnss.height).sum() == 1 and into.gnss.has_position.all()
 
 
+def test_a_receiver_without_a_fix_has_no_velocity_either(tmp_path):
+    """Drivers go on sending one, of zero or of before, with a covariance of any size."""
+    messages = drive(sigma=1.0)
+    for k in range(20, 30):
+        messages[k] = fix_message(k, TIMES[k], 48.0, 11.0, status=-1)
+    messages += [twist_message(t + 10**6, [0.0, 0.0, 0.0], 1e-4) for t in TIMES[20:30]]
+    messages += [twist_message(t + 10**6, [0.0, 13.6, 1.0], 1e-4) for t in TIMES[30:]]
+    # of another instrument, and therefore believed
+    messages.append(twist_message(TIMES[25] + 250_000_000, [0.0, 13.6, 1.0], 1e-4))
+    into = gnss(tmp_path, messages)
+    assert counted(into) == {"no-fix": 10, "no-fix-velocity": 10}
+    assert len(into.gnss) == N - 9 and into.gnss.has_velocity.sum() == N - 29
+    assert (into.gnss.velocity_n[into.gnss.has_velocity, 0] > 13.0).all()
+
+
 @pytest.mark.parametrize(
     "place", [(1e6, 11.0, 50.0), (48.0, -1e4, 50.0), (48.0, 11.0, 1e6), (48.0, 11.0, -np.inf)]
 )

@@ -1,5 +1,6 @@
 """Times of samples that a sensor takes evenly, from stamps of their receipt."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -222,3 +223,21 @@ def test_the_option_about_stamps(jittering, option, gaps):
     with open_log(jittering) as opened:
         source = prepare(opened, ProcessConfig(input={"imu_stamps": option}))
     assert (source.survey.gap_count > 100) is gaps
+
+
+@pytest.mark.parametrize("batch", [5, 9, 10, 12, 16, 20, 32, 50])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_log_with_samples_in_batches(tmp_path, batch, seed):
+    """Nine of ten intervals tell nothing, so no spread between tenths of them does."""
+    data = record(drive(seed, 100.0, 30.0), GRADES["industrial"], seed)
+    row = np.arange(len(data.seconds))
+    last = np.minimum((row // batch + 1) * batch, len(row)) - 1
+    late = np.random.default_rng(seed).exponential(1e-3, len(row))[last]
+    data = replace(data, seconds=data.seconds[last] + late + 1e-4 * (row - last))
+    with open_log(write(tmp_path / "log.mcap", data)) as log:
+        source = prepare(log, ProcessConfig())
+    assert source.survey.even is not None and not source.survey.gaps
+    assert source.survey.interval_ns == pytest.approx(5e6, rel=1e-3)
+    assert {finding.kind for finding in source.findings} & {"bursts", "uneven-stamps"} == {
+        "uneven-stamps"
+    }

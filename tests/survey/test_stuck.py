@@ -12,9 +12,16 @@ from sinstool.core.earth import displaced
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.io.readers import open_log
 from sinstool.survey.gnss import read_gnss
-from sinstool.survey.stuck import LEAP_STEPS, LEAST_ALIKE, stuck_fixes, stuck_velocities
+from sinstool.survey.stuck import (
+    LEAP_STEPS,
+    LEAST_ALIKE,
+    sent_again,
+    stale_velocities,
+    stuck_fixes,
+    stuck_velocities,
+)
 from tests.helpers.imulogs import T0
-from tests.helpers.unseen_drives import PERFECT, drive, frozen, record, write
+from tests.helpers.unseen_drives import PERFECT, drive, every, frozen, record, write
 
 
 def track(east, rate=5.0, sigma=0.5):
@@ -70,6 +77,34 @@ def test_a_slow_receiver_sent_on_quickly_leaves_one_of_each():
     assert np.count_nonzero(kept[:-10]) == 29 and kept[:-10][::10].all()
 
 
+@pytest.mark.parametrize("rates", [(10.0, 1.0), (10.0, 4.0), (10.0, 8.0), (50.0, 5.0), (2.0, 1.0)])
+@pytest.mark.parametrize("seed", range(5))
+def test_one_is_left_of_each_fix_that_a_faster_driver_sends_again(rates, seed):
+    """At rest as well: there no leap shows that the fixes between are none."""
+    sent, measured = rates
+    jitter = np.random.default_rng(seed).uniform(0.0, 0.3 / sent, 1000)
+    number = np.floor((np.arange(1000) / sent + jitter) * measured).astype(int)
+    t = np.arange(number[-1] + 1) / measured
+    way = noisy(10.0 * np.maximum(t - t[-1] / 2, 0.0), seed)
+    again, times = sent_again(track(way[number], sent))
+    new = np.append(True, np.diff(number) > 0)
+    assert not again[new].any() and np.count_nonzero(~again) <= 1.05 * np.count_nonzero(new)
+    assert times == pytest.approx(sent / measured, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_fixes_that_are_alike_by_chance_are_not_sent_again(seed):
+    assert not sent_again(track(noisy(np.zeros(500), seed)))[0].any()
+    # held at rest, in a drive with some stops
+    way = noisy(5.0 * np.arange(600), seed)
+    for begin in range(0, 600, 100):
+        way[begin : begin + 50] = way[begin]
+    assert not sent_again(track(way))[0].any()
+    # rounded to so many metres, at rest and on the way
+    way = np.append(noisy(np.zeros(200), seed, 0.05), noisy(10.0 * np.arange(200), seed, 0.05))
+    assert not sent_again(track(0.2 * np.round(way / 0.2)))[0].any()
+
+
 def test_heights_that_are_missing_are_alike():
     way = noisy(10.0 * np.arange(60), 3)
     way[20:30] = way[20]
@@ -123,3 +158,62 @@ def test_fixes_that_stand_to_the_end_while_the_velocity_goes_on(tmp_path):
     with open_log(write(tmp_path / "log.mcap", data)) as log:
         aiding = read_gnss(log, InputOptions(), False)
     assert "velocity-left-out" in {finding.kind for finding in aiding.findings}
+
+
+def test_velocities_that_are_sent_again_go_with_their_fixes(tmp_path):
+    truth = drive(41, 120.0, rest=20.0)
+    data = record(truth, PERFECT, 41, gnss_rate=10.0, sigma=1.0, sigma_v=0.05)
+    data = every(data, 10)
+    with open_log(write(tmp_path / "log.mcap", data)) as log:
+        aiding = read_gnss(log, InputOptions(), False)
+    assert len(aiding.gnss) == pytest.approx(120, abs=3)
+    assert aiding.gnss.has_position.all() and aiding.gnss.has_velocity.all()
+    (finding,) = (f for f in aiding.findings if f.kind == "sent-again")
+    assert "sends each 10 times" in finding.text and finding.severity.name == "NOTE"
+
+
+def velocities(fixes, east, seed, noise=0.05):
+    """Those of fixes that are so far east, with noise."""
+    n = len(east)
+    rate = np.gradient(east, fixes.time_ns * 1e-9)
+    v = np.stack([np.zeros(n), rate, np.zeros(n)], axis=1)
+    v += noise * np.random.default_rng(seed).standard_normal((n, 3))
+    return Velocity(fixes.time_ns, fixes.log_time_ns, v, np.zeros((n, 3, 3)))
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("zero", [False, True])
+def test_a_velocity_that_stays_while_the_fixes_move_on_is_stale(seed, zero):
+    speed = 10.0 + 5.0 * np.sin(0.1 * np.arange(300))
+    east = np.cumsum(speed)
+    fixes = track(noisy(east, seed), rate=1.0)
+    velocity = velocities(fixes, east, seed)
+    v = velocity.velocity_n
+    v[100:160] = 0.0 if zero else v[100] * [1.0, 1.5, 1.0]
+    v[250:] = 0.0  # to the end
+    found = np.flatnonzero(stale_velocities(fixes, velocity))
+    assert found.tolist() == [*range(101 - zero, 160), *range(250, 300)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_velocity_that_stays_as_the_fixes_say_is_right(seed):
+    """Zero at rest beside a fix that is bad; and rounded to 0.1 m/s on a steady way."""
+    east = np.concatenate([np.zeros(150), 8.0 * np.arange(150)])
+    places = noisy(east, seed)
+    places[[50, 51]] += 200.0
+    fixes = track(places, rate=1.0)
+    velocity = velocities(fixes, east, seed, noise=0.02)
+    velocity.velocity_n[:148] = 0.0
+    velocity.velocity_n[:] = np.round(velocity.velocity_n, 1)
+    assert not stale_velocities(fixes, velocity).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_slow_robot_whose_receiver_has_no_velocity_is_not_held_to_stand(seed):
+    """Of a hundred metres, by which a velocity is denied otherwise, there is none here."""
+    random = np.random.default_rng(seed)
+    east = np.concatenate([np.zeros(20), np.cumsum(0.7 + 0.3 * random.random(60))])
+    fixes = track(east + 0.5 * random.standard_normal(80), rate=1.0)
+    velocity = velocities(fixes, east, seed)
+    velocity.velocity_n[:] = 0.0
+    assert stale_velocities(fixes, velocity).all()

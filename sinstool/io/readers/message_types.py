@@ -4,6 +4,9 @@ from __future__ import annotations
 
 IMU_TYPE = "sensor_msgs/msg/Imu"
 FIX_TYPE = "sensor_msgs/msg/NavSatFix"
+# Of gpsd and others, by its ROS 2 and its ROS 1 package: fields of a NavSatFix and a velocity.
+GPS_FIX_TYPES = ("gps_msgs/msg/GPSFix", "gps_common/msg/GPSFix")
+FIX_TYPES = (FIX_TYPE, *GPS_FIX_TYPES)
 PRESSURE_TYPE = "sensor_msgs/msg/FluidPressure"
 MAGNETIC_TYPE = "sensor_msgs/msg/MagneticField"
 JOINT_TYPE = "sensor_msgs/msg/JointState"

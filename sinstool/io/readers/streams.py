@@ -26,7 +26,7 @@ from sinstool.io.messages.decode import Decoder
 from sinstool.io.messages.layout import Layout, LayoutError, walk
 from sinstool.io.readers.frames import enu_to_ned, enu_to_ned_covariance, q_nb_from_log, turn_body
 from sinstool.io.readers.log import Channel, Log
-from sinstool.io.readers.message_types import HEIGHT_TYPES, VELOCITY_TYPES
+from sinstool.io.readers.message_types import GPS_FIX_TYPES, HEIGHT_TYPES, VELOCITY_TYPES
 
 Made = TypeVar("Made")
 
@@ -235,7 +235,7 @@ def _orientation(q_xyzw: np.ndarray, covariance: np.ndarray, axes: str) -> np.nd
 
 
 def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Gnss]:
-    """NavSatFix messages, covariance turned from ENU to NED."""
+    """NavSatFix messages, or GPSFix, covariance turned from ENU to NED."""
     columns = {
         **header(),
         "latitude": ["latitude"],
@@ -261,7 +261,10 @@ def read_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterato
 
 
 def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
-    """Velocity over ground (TwistStamped, TwistWithCovarianceStamped, Odometry: world ENU)."""
+    """Velocity over ground (TwistStamped, TwistWithCovarianceStamped, Odometry in ENU; GPSFix)."""
+    if channels[0].type in GPS_FIX_TYPES:
+        yield from _velocity_of_fixes(log, channels, losses)
+        return
     plain = channels[0].type == VELOCITY_TYPES[0]
     columns = {**header(), "linear": _linear(channels)}
     if not plain:
@@ -273,6 +276,17 @@ def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
             enu = v["covariance"].reshape(-1, 6, 6)[:, :3, :3]
         ned = enu_to_ned_covariance(enu)
         yield Velocity(stamp(v), log_time_ns, enu_to_ned(v["linear"]), ned)
+
+
+def _velocity_of_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
+    """Speed and course of GPSFix messages; its sigmas are those of some receivers only."""
+    columns = {**header(), "speed": ["speed"], "track": ["track"], "climb": ["climb"]}
+    for log_time_ns, v in read_columns(log, channels, columns, losses):
+        # At rest there is no course
+        course = np.where(v["speed"] == 0.0, 0.0, np.radians(v["track"]))
+        north, east = v["speed"] * np.cos(course), v["speed"] * np.sin(course)
+        unknown = np.zeros((len(log_time_ns), 3, 3))
+        yield Velocity(stamp(v), log_time_ns, np.stack([north, east, -v["climb"]], 1), unknown)
 
 
 def _linear(channels: Sequence[Channel]) -> list[str]:

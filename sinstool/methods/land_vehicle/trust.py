@@ -160,14 +160,15 @@ def find_trust(
     if mounted is None:
         # What goes to the right and down in proportion to the speed is of the mount
         c_vb = to_dcm(exp([0.0, pitch, -yaw])) @ c_vb
-    elif max(abs(yaw), abs(pitch)) > MOST_OFF:
-        off = max(abs(yaw), abs(pitch)) / DEGREE
-        reason = f"it moves {off:.0f} deg off the forward axis of the mount"
     else:
-        # Roll has no state, and neither row shows it
         upright, _ = _mount(means, track, moving)
+        # Roll has no state, and neither row shows it
         roll = np.arctan2(upright[1] @ c_vb[2], upright[2] @ c_vb[2])
-        if abs(roll) > MOST_OFF:
+        if max(abs(yaw), abs(pitch)) > MOST_OFF:
+            # What are slopes of the velocity here are angles while they are small
+            off = float(np.arccos(np.clip(upright[0] @ c_vb[0], -1.0, 1.0))) / DEGREE
+            reason = f"it moves {off:.0f} deg off the forward axis of the mount"
+        elif abs(roll) > MOST_OFF:
             off = abs(roll) / DEGREE
             reason = f"gravity is {off:.0f} deg off the down axis of the mount"
     vehicle = LandVehicle(c_vb, axle, lateral.sigma, vertical.sigma, mount_sigma=mount_sigma)

@@ -14,7 +14,7 @@ from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND, sorted_stream
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
-from sinstool.io.readers.message_types import FIX_TYPE, VELOCITY_TYPES
+from sinstool.io.readers.message_types import FIX_TYPES, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, read_fixes, read_velocity
 from sinstool.io.readers.truth import at_times, read_truth
 
@@ -66,7 +66,7 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
     for name in names:
         channels = tuple(log_.channels_of(name))
         kind = channels[0].type if channels else ""
-        if kind == FIX_TYPE:
+        if kind in FIX_TYPES:
             what, (times, rows) = "position", _fixes(log_, channels)
         elif kind in VELOCITY_TYPES[:2]:
             what, (times, rows) = "velocity", _velocity(log_, channels)

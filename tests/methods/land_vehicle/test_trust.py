@@ -1,5 +1,6 @@
 """Whether a vehicle slides, by tracks made for it."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -170,3 +171,14 @@ def test_a_steady_circle_does_not_show_what_leans(weaves, said):
     )
     assert said in trusting._leans(rows, np.ones(n, bool))
     assert bool(said) == bool(trusting._leans(rows, np.ones(n, bool)))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("turned", [20.0, 60.0, 90.0, 120.0])
+def test_a_mount_that_is_turned_is_said_to_be_by_its_angle(seed, turned):
+    """Thousands of degrees were said for 90."""
+    wrong = rotation.to_dcm(rotation.from_euler(np.radians([0.0, 0.0, turned]))) @ MOUNT
+    trust = find_trust(*a_track(seed), c_vb=wrong)
+    said = re.fullmatch(r"it moves (\d+) deg off the forward axis of the mount", trust.reason)
+    assert not trust.holds and said
+    assert float(said[1]) == pytest.approx(turned, abs=2.0)
