@@ -20,7 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.parts import kernel
 from sinstool.core.streams import Imu
 
 # So many alike in a row, and so many times what is usual where a driver is faster than the sensor.
@@ -104,30 +105,31 @@ class Suspects:
     def watch(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
         """The same blocks."""
         for block in blocks:
-            self._add(block.time_ns, np.hstack((block.gyro, block.accel)))
+            self._add(block.time_ns, block.gyro, block.accel)
             yield block
 
-    def _add(self, times: IntArray, values: FloatArray) -> None:
-        zero = ~values.any(axis=1)
+    def _add(self, times: IntArray, gyro: FloatArray, accel: FloatArray) -> None:
+        held = len(self._near)
+        near = np.empty((held + len(times), 6))
+        near[:held], near[held:, :3], near[held:, 3:] = self._near, gyro, accel
+        self._near, self._near_ns = near, np.concatenate([self._near_ns, times])
+        values = near[held:]
+        zero, same = (np.zeros(len(times), np.bool_) for _ in range(2))
+        self._force += _compare(values, zero, same)
         if zero.any():
             self._zeros.append(times[zero])
-        self._force += float(np.linalg.norm(values[:, 3:], axis=1).sum())
-        self._find_alike(times, values)
-        self._near_ns = np.concatenate([self._near_ns, times])
-        self._near = np.concatenate([self._near, values])
+        self._find_alike(times, values, same)
         self._count += len(times)
-        if len(self._near) > 2 * BESIDE:
+        if len(near) > 2 * BESIDE:
             self._count_steps()
             self._find_leaps()
             self._near_ns = self._near_ns[-2 * BESIDE :]
-            self._near = self._near[-2 * BESIDE :].copy()
+            self._near = near[-2 * BESIDE :].copy()
 
-    def _find_alike(self, times: IntArray, values: FloatArray) -> None:
+    def _find_alike(self, times: IntArray, values: FloatArray, same: BoolArray) -> None:
         """Rows of samples that are alike, across blocks."""
         run = self._open
-        same = np.zeros(len(times), np.bool_)
         same[0] = run is not None and (values[0] == run.values).all()
-        same[1:] = (values[1:] == values[:-1]).all(axis=1)
         first = np.flatnonzero(~same)
         edges = np.append(first, len(times))
         if run is not None and edges[0]:  # goes on from the block before
@@ -177,30 +179,22 @@ class Suspects:
 
     def _find_leaps(self) -> None:
         """Single values that leap far off their neighbours and back."""
-        steps = np.diff(self._near, axis=0)
-        size = np.abs(steps)
-        inner = slice(BESIDE - 1, len(steps) - BESIDE)
-        there, back = size[inner], size[inner.start + 1 : inner.stop + 1]
-        before, after = (
-            size[inner.start - 1 : inner.stop - 1],
-            size[inner.start + 2 : inner.stop + 2],
-        )
-        alone = (SHARE * there > before) & (SHARE * back > after) & (there > 0.0)
-        alone &= steps[inner] * steps[inner.start + 1 : inner.stop + 1] < 0.0
-        row, axis = np.nonzero(alone)
-        if not len(row):
+        at, axis = (np.empty(len(self._near), np.int64) for _ in range(2))
+        count = _lone(self._near, at, axis)
+        if not count:
             return
-        at = row + BESIDE
+        at, axis = at[:count], axis[:count]
         beside = np.r_[-BESIDE:0, 1 : BESIDE + 1]
         moved = np.ptp(self._near[at[:, None] + beside], axis=1)
         off = np.abs(self._near[at] - 0.5 * (self._near[at - 1] + self._near[at + 1]))
-        number = np.arange(len(at))
-        single = moved[number, axis] < SHARE * off[number, axis]
-        leap = np.minimum(there, back)[row, axis]
+        there, back = (
+            np.abs(self._near[at, axis] - self._near[at + step, axis]) for step in (-1, 1)
+        )
+        leap = np.minimum(there, back)
         seconds = (self._near_ns[at + 1] - self._near_ns[at - 1]) * 0.5e-9
         turn = (axis < 3) & (leap * seconds > TURN)
-        off[number, axis] = 0.0
-        single &= (off <= CALM * moved).all(axis=1) | turn
+        off[np.arange(count), axis] = 0.0
+        single = (off <= CALM * moved).all(axis=1) | turn
         for k in np.flatnonzero(single).tolist():
             if len(self._leaps) < MOST:
                 self._leaps.append((int(self._near_ns[at[k]]), int(axis[k]), float(leap[k])))
@@ -240,6 +234,47 @@ class Suspects:
             for run in self._runs
             if run.count >= least and np.sum((run.leap[shows] / sigma) ** 2) > LEAP_SQUARED
         ]
+
+
+@kernel()
+def _compare(values, zero, same):  # type: ignore[no-untyped-def]
+    """Rows that are zero, rows like the one before, and the sum of the sizes of the forces."""
+    force = 0.0
+    for i in range(len(values)):
+        nothing, alike = True, i > 0
+        for k in range(6):
+            nothing = nothing and values[i, k] == 0.0
+            alike = alike and values[i, k] == values[i - 1, k]
+        zero[i], same[i] = nothing, alike
+        force += np.sqrt(values[i, 3] ** 2 + values[i, 4] ** 2 + values[i, 5] ** 2)
+    return force
+
+
+@kernel()
+def _lone(values, rows, columns):  # type: ignore[no-untyped-def]
+    """Rows and columns of values that leap off their neighbours and back, and how many they are.
+
+    These neighbours move by little beside it. As many are found as there is room for.
+    """
+    count = 0
+    for i in range(BESIDE, len(values) - BESIDE):
+        for k in range(6):
+            there = values[i, k] - values[i - 1, k]
+            back = values[i + 1, k] - values[i, k]
+            if (
+                there * back >= 0.0
+                or SHARE * abs(there) <= abs(values[i - 1, k] - values[i - 2, k])
+                or SHARE * abs(back) <= abs(values[i + 2, k] - values[i + 1, k])
+            ):
+                continue
+            least = most = values[i + 1, k]
+            for j in range(1, BESIDE + 1):
+                for beside in (values[i - j, k], values[i + j, k]):
+                    least, most = min(least, beside), max(most, beside)
+            if most - least < SHARE * 0.5 * abs(there - back) and count < len(rows):
+                rows[count], columns[count] = i, k
+                count += 1
+    return count
 
 
 def _quantile(counted: IntArray, share: float) -> FloatArray:
