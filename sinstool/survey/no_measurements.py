@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.parts import kernel
+from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.parts import kernel, part
 from sinstool.core.streams import Imu
 
 # So many alike in a row, and so many times what is usual where a driver is faster than the sensor.
@@ -75,9 +75,9 @@ class LeftOut:
                 yield block.rows(~out)
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Run:
-    """Samples that are alike: of the second and of the last the time, and how many there are."""
+    """Samples that are alike: times of the second and of the last, how many, and the leap after."""
 
     second_ns: int
     last_ns: int
@@ -90,10 +90,13 @@ class Suspects:
     """Looks at samples in the order of time, in blocks of any length, and says which are none."""
 
     def __init__(self) -> None:
-        self._near_ns = np.zeros(0, np.int64)
-        self._near = np.zeros((0, 6))
+        # The last samples of the block before, and room for those of the next
+        self._near_ns = np.zeros(2 * BESIDE, np.int64)
+        self._near = np.zeros((2 * BESIDE, 6))
+        self._held = 0
         self._runs: list[_Run] = []
-        self._open: _Run | None = None
+        # Of the last samples that are alike how many there are, and the time of the second
+        self._open = np.zeros(2, np.int64)
         self._lengths = np.zeros(64, np.int64)
         self._zeros: list[IntArray] = []
         # Time, axis and size
@@ -109,95 +112,58 @@ class Suspects:
             yield block
 
     def _add(self, times: IntArray, gyro: FloatArray, accel: FloatArray) -> None:
-        held = len(self._near)
-        near = np.empty((held + len(times), 6))
-        near[:held], near[held:, :3], near[held:, 3:] = self._near, gyro, accel
-        self._near, self._near_ns = near, np.concatenate([self._near_ns, times])
-        values = near[held:]
-        zero, same = (np.zeros(len(times), np.bool_) for _ in range(2))
-        self._force += _compare(values, zero, same)
-        if zero.any():
-            self._zeros.append(times[zero])
-        self._find_alike(times, values, same)
+        held, rows = self._held, self._held + len(times)
+        if rows > len(self._near):
+            kept_ns, kept = self._near_ns[:held], self._near[:held]
+            self._near_ns, self._near = np.empty(rows, np.int64), np.empty((rows, 6))
+            self._near_ns[:held], self._near[:held] = kept_ns, kept
+        near_ns, near = self._near_ns[:rows], self._near[:rows]
+        near_ns[held:] = times
+        self._take_in(near_ns, near, np.ascontiguousarray(gyro), np.ascontiguousarray(accel))
         self._count += len(times)
-        if len(near) > 2 * BESIDE:
-            self._count_steps()
-            self._find_leaps()
-            self._near_ns = self._near_ns[-2 * BESIDE :]
-            self._near = near[-2 * BESIDE :].copy()
+        if rows > 2 * BESIDE:
+            _count_steps(near, (self._count - rows) % EACH, self._steps, self._sixths)
+            self._find_leaps(near_ns, near)
+        self._held = min(rows, 2 * BESIDE)
+        near_ns[: self._held] = near_ns[rows - self._held :].copy()
+        near[: self._held] = near[rows - self._held :].copy()
 
-    def _find_alike(self, times: IntArray, values: FloatArray, same: BoolArray) -> None:
-        """Rows of samples that are alike, across blocks."""
-        run = self._open
-        same[0] = run is not None and (values[0] == run.values).all()
-        first = np.flatnonzero(~same)
-        edges = np.append(first, len(times))
-        if run is not None and edges[0]:  # goes on from the block before
-            run.second_ns = run.second_ns if run.count > 1 else int(times[0])
-            run.count, run.last_ns = run.count + int(edges[0]), int(times[edges[0] - 1])
-        if not len(first):
-            return
-        if run is not None:
-            run.leap = values[first[0]] - run.values
-            self._close(run)
-        counts = np.diff(edges)
-        self._lengths += np.bincount(np.minimum(counts[:-1], 63), minlength=64)
-        for k in np.flatnonzero(counts[:-1] >= LEAST_ALIKE).tolist():
-            a, b = int(first[k]), int(edges[k + 1])
-            leap = values[b] - values[a]
-            self._keep(_Run(int(times[a + 1]), int(times[b - 1]), b - a, values[a].copy(), leap))
-        a, count = int(first[-1]), int(counts[-1])
-        second = int(times[a + 1]) if count > 1 else 0
-        self._open = _Run(second, int(times[-1]), count, values[a].copy(), np.zeros(6))
+    def _take_in(
+        self, near_ns: IntArray, near: FloatArray, gyro: FloatArray, accel: FloatArray
+    ) -> None:
+        """Put samples beside those before: which are zero, and rows of those that are alike."""
+        zeros, runs = np.empty(len(gyro), np.int64), np.empty((len(gyro), 3), np.int64)
+        force, zero_count, run_count = _take_in(
+            near_ns, near, gyro, accel, self._open, self._lengths, zeros, runs
+        )
+        self._force += force
+        if zero_count:
+            self._zeros.append(zeros[:zero_count])
+        for second_ns, count, after in runs[: min(run_count, MOST - len(self._runs))].tolist():
+            values = near[after - 1].copy()
+            self._runs.append(
+                _Run(second_ns, int(near_ns[after - 1]), count, values, near[after] - values)
+            )
 
-    def _close(self, run: _Run) -> None:
-        self._lengths[min(run.count, 63)] += 1
-        if run.count >= LEAST_ALIKE:
-            self._keep(run)
-
-    def _keep(self, run: _Run) -> None:
-        if len(self._runs) < MOST:
-            self._runs.append(run)
-
-    def _count_steps(self) -> None:
-        """Usual steps from sample to sample, and the noise in them."""
-        begin = self._count - len(self._near)
-        at = np.arange(BESIDE, len(self._near) - BESIDE)
-        at = at[(begin + at) % EACH == 0]
-        seven = self._near[at[:, None] + np.arange(-3, 4)]
-        changing = (np.diff(seven, axis=1) != 0.0).any(axis=2).all(axis=1)
-        seven = seven[changing]
-        for kept, size in (
-            (self._steps, seven[:, 4] - seven[:, 3]),
-            (self._sixths, np.diff(seven, n=6, axis=1)[:, 0] / SIXTH * np.sqrt(2.0)),
-        ):
-            with np.errstate(divide="ignore"):
-                place = np.log2(np.abs(size)) * PER_OCTAVE + BINS / 2
-            place = np.clip(place, 0, BINS - 1).astype(np.int64)
-            for axis in range(6):
-                kept[axis] += np.bincount(place[:, axis], minlength=BINS)
-
-    def _find_leaps(self) -> None:
+    def _find_leaps(self, near_ns: IntArray, near: FloatArray) -> None:
         """Single values that leap far off their neighbours and back."""
-        at, axis = (np.empty(len(self._near), np.int64) for _ in range(2))
-        count = _lone(self._near, at, axis)
+        at, axis = (np.empty(len(near), np.int64) for _ in range(2))
+        count = _lone(near, at, axis)
         if not count:
             return
         at, axis = at[:count], axis[:count]
         beside = np.r_[-BESIDE:0, 1 : BESIDE + 1]
-        moved = np.ptp(self._near[at[:, None] + beside], axis=1)
-        off = np.abs(self._near[at] - 0.5 * (self._near[at - 1] + self._near[at + 1]))
-        there, back = (
-            np.abs(self._near[at, axis] - self._near[at + step, axis]) for step in (-1, 1)
-        )
+        moved = np.ptp(near[at[:, None] + beside], axis=1)
+        off = np.abs(near[at] - 0.5 * (near[at - 1] + near[at + 1]))
+        there, back = (np.abs(near[at, axis] - near[at + step, axis]) for step in (-1, 1))
         leap = np.minimum(there, back)
-        seconds = (self._near_ns[at + 1] - self._near_ns[at - 1]) * 0.5e-9
+        seconds = (near_ns[at + 1] - near_ns[at - 1]) * 0.5e-9
         turn = (axis < 3) & (leap * seconds > TURN)
         off[np.arange(count), axis] = 0.0
         single = (off <= CALM * moved).all(axis=1) | turn
         for k in np.flatnonzero(single).tolist():
             if len(self._leaps) < MOST:
-                self._leaps.append((int(self._near_ns[at[k]]), int(axis[k]), float(leap[k])))
+                self._leaps.append((int(near_ns[at[k]]), int(axis[k]), float(leap[k])))
 
     def found(self) -> LeftOut | None:
         """What is to be left out; None where nothing is."""
@@ -236,18 +202,73 @@ class Suspects:
         ]
 
 
-@kernel()
-def _compare(values, zero, same):  # type: ignore[no-untyped-def]
-    """Rows that are zero, rows like the one before, and the sum of the sizes of the forces."""
-    force = 0.0
-    for i in range(len(values)):
-        nothing, alike = True, i > 0
+@kernel(vectorizes=False)
+def _take_in(near_ns, near, gyro, accel, run, lengths, zeros, runs):  # type: ignore[no-untyped-def]
+    """Put samples at the end of those near, and look for zeros and for samples that are alike.
+
+    `run` holds how many of the last are alike, and the time of the second of them. Where a run
+    ends its length is counted; of a long one that time, the length and the row after go to `runs`.
+    Returns the sum of the sizes of the forces, and how many zeros and long runs there are.
+    """
+    held = len(near) - len(gyro)
+    force, zero_count, run_count = 0.0, 0, 0
+    for i in range(len(gyro)):
+        row = held + i
+        nothing, alike = True, row > 0
         for k in range(6):
-            nothing = nothing and values[i, k] == 0.0
-            alike = alike and values[i, k] == values[i - 1, k]
-        zero[i], same[i] = nothing, alike
-        force += np.sqrt(values[i, 3] ** 2 + values[i, 4] ** 2 + values[i, 5] ** 2)
-    return force
+            value = gyro[i, k] if k < 3 else accel[i, k - 3]
+            near[row, k] = value
+            nothing = nothing and value == 0.0
+            alike = alike and value == near[row - 1, k]
+        force += np.sqrt(near[row, 3] ** 2 + near[row, 4] ** 2 + near[row, 5] ** 2)
+        if nothing:
+            zeros[zero_count] = near_ns[row]
+            zero_count += 1
+        if alike:
+            if run[0] == 1:
+                run[1] = near_ns[row]
+            run[0] += 1
+            continue
+        if run[0] > 0:
+            lengths[min(run[0], len(lengths) - 1)] += 1
+        if run[0] >= LEAST_ALIKE:
+            runs[run_count] = run[1], run[0], row
+            run_count += 1
+        run[0] = 1
+    return force, zero_count, run_count
+
+
+@kernel(vectorizes=False)
+def _count_steps(near, before, steps, sixths):  # type: ignore[no-untyped-def]
+    """Count usual steps from sample to sample, and the noise in them, where samples change.
+
+    `before` is how many samples, of as many as one is taken from, came before the first.
+    """
+    for row in range(BESIDE, len(near) - BESIDE):
+        if (before + row) % EACH:
+            continue
+        changes = True
+        for j in range(row - 3, row + 3):
+            alike = True
+            for k in range(6):
+                alike = alike and near[j, k] == near[j + 1, k]
+            changes = changes and not alike
+        if not changes:
+            continue
+        for k in range(6):
+            sixth = -20.0 * near[row, k]
+            for j, weight in ((1, 15.0), (2, -6.0), (3, 1.0)):
+                sixth += weight * (near[row - j, k] + near[row + j, k])
+            steps[k, _bin(near[row + 1, k] - near[row, k])] += 1
+            sixths[k, _bin(sixth * np.sqrt(2.0) / SIXTH)] += 1
+
+
+@part()
+def _bin(size):  # type: ignore[no-untyped-def]
+    """Bin of a size, of an eighth of an octave."""
+    if size == 0.0:
+        return 0
+    return int(min(max(np.log2(abs(size)) * PER_OCTAVE + BINS / 2, 0.0), BINS - 1.0))
 
 
 @kernel()
