@@ -280,13 +280,12 @@ def _lone(values, rows, columns):  # type: ignore[no-untyped-def]
     count = 0
     for i in range(BESIDE, len(values) - BESIDE):
         for k in range(6):
+            # The rarest first, as a processor guesses which way it goes
             there = values[i, k] - values[i - 1, k]
+            if SHARE * abs(there) <= abs(values[i - 1, k] - values[i - 2, k]):
+                continue
             back = values[i + 1, k] - values[i, k]
-            if (
-                there * back >= 0.0
-                or SHARE * abs(there) <= abs(values[i - 1, k] - values[i - 2, k])
-                or SHARE * abs(back) <= abs(values[i + 2, k] - values[i + 1, k])
-            ):
+            if SHARE * abs(back) <= abs(values[i + 2, k] - values[i + 1, k]) or there * back >= 0.0:
                 continue
             least = most = values[i + 1, k]
             for j in range(1, BESIDE + 1):
