@@ -80,25 +80,17 @@ class Tally:
         log_times = np.concatenate(([self.last_log], block.log_time_ns))
         self.log_descents += int(np.count_nonzero(log_times[1:] < log_times[:-1]))
         self.last_log = int(log_times[-1])
-        norm = np.sqrt(np.einsum("ij,ij->i", block.accel, block.accel))
-        place = np.minimum(norm / _FORCE_STEP, _FORCE_BINS - 1).astype(np.int64)
-        self.force += np.bincount(place, minlength=_FORCE_BINS)
+        _count_forces(block.accel, self.force)
         self.held += _extremes(block.gyro, block.accel, self.extremes, self.crowds)
         self.windows.push(times, block.gyro, block.accel)
         self._add_orientation(block)
 
     def _add_intervals(self, times: np.ndarray) -> None:
-        steps = np.diff(times)
-        if not len(steps):
+        if len(times) < 2:
             return
-        place = ((np.log(steps) - _LOW) / _STEP).astype(np.int64)
-        np.clip(place, 0, _BINS - 1, out=place)
-        self.histogram += np.bincount(place, minlength=_BINS)
-        # Whole nanoseconds in float64 add exactly up to 2^53, so the order of blocks does not
-        # matter.
-        self.sums += np.bincount(place, weights=steps, minlength=_BINS).astype(np.int64)
-        self.shortest = min(self.shortest, int(steps.min()))
-        self.longest = max(self.longest, int(steps.max()))
+        steps = np.diff(times)
+        shortest, longest = _count_intervals(steps, self.histogram, self.sums)
+        self.shortest, self.longest = min(self.shortest, shortest), max(self.longest, longest)
         start, step = times[:-1], steps
         if len(self.long_step) == MAX_GAPS_LISTED:
             # of equal intervals the first stays, so only longer ones can replace one
@@ -196,6 +188,26 @@ def _crowd(value, before, of):  # type: ignore[no-untyped-def]
             of[4] += value - before
     elif value >= BELOW_CROWD * of[0] > 0.0:
         of[2] += 1.0
+
+
+@kernel(vectorizes=False)
+def _count_intervals(steps, histogram, sums):  # type: ignore[no-untyped-def]
+    """Count intervals, ns, in bins of their logarithm, and add them up; the ends of their range."""
+    shortest = longest = steps[0]
+    for step in steps:
+        place = min(max(int((np.log(step) - _LOW) / _STEP), 0), _BINS - 1) if step > 0 else 0
+        histogram[place] += 1
+        sums[place] += step
+        shortest, longest = min(shortest, step), max(longest, step)
+    return shortest, longest
+
+
+@kernel(vectorizes=False)
+def _count_forces(accel, counts):  # type: ignore[no-untyped-def]
+    """Count sizes of specific forces in bins of `_FORCE_STEP`; the last has all that are larger."""
+    for x, y, z in accel:
+        size = np.sqrt(x * x + y * y + z * z) / _FORCE_STEP
+        counts[int(size) if size < _FORCE_BINS - 1 else _FORCE_BINS - 1] += 1
 
 
 @kernel()
