@@ -7,9 +7,9 @@ unreadable, or hand on data that are not what was recorded.
 from __future__ import annotations
 
 import struct
-import zlib
 
 import mcap.records as records
+from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 
 _HEAD = 9
@@ -62,7 +62,7 @@ def _attachment(record: bytes, offset: int) -> records.AttachmentIndex:
     if end + 4 > len(record):
         raise RecordError("its lengths do not fit together")
     (crc,) = struct.unpack_from("<I", record, end)
-    if crc and zlib.crc32(memoryview(record)[_HEAD:end]) != crc:
+    if crc and crc32(memoryview(record)[_HEAD:end]) != crc:
         raise RecordError("its CRC does not match its content")
     return records.AttachmentIndex(
         offset=offset,

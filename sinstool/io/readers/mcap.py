@@ -7,13 +7,13 @@ chunks nobody asked for, and no more: messages always come from the walk over th
 from __future__ import annotations
 
 import struct
-import zlib
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
 
 import mcap.records as records
 import numpy as np
+from isal.isal_zlib import crc32
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
@@ -147,7 +147,7 @@ class McapLog(McapFile):
             return False
         summary = self.read_at(start, end - 29 - start)
         # The CRC covers the summary and the footer up to the CRC itself.
-        if crc and zlib.crc32(summary + foot[:25]) != crc:
+        if crc and crc32(summary + foot[:25]) != crc:
             self.data_end = -1
             self.damage("the summary's CRC does not match", start, "index")
             return False
@@ -288,7 +288,7 @@ class McapLog(McapFile):
             what = raw
         elif not place.crc or place.offset in self._sound:
             return np.frombuffer(raw, np.uint8)
-        elif zlib.crc32(raw) == place.crc:
+        elif crc32(raw) == place.crc:
             self._sound.add(place.offset)
             return np.frombuffer(raw, np.uint8)
         else:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable
 
 import numpy as np
+from isal.isal_zlib import crc32
 
 from sinstool.io.readers.compression import decompress_prefix
 from sinstool.io.readers.limits import MAX_PLACES, ORDINARY_BLOCK, WINDOW
@@ -33,11 +33,11 @@ def unpack(name: str, data: bytes, size: int, crc: int) -> tuple[np.ndarray, boo
     proved : bool
         The CRC says that the content is right; only the chunk's header lied.
     """
-    if crc and len(data) == size and zlib.crc32(data) == crc:  # not packed, whatever its name
+    if crc and len(data) == size and crc32(data) == crc:  # not packed, whatever its name
         return np.frombuffer(data, np.uint8), True
     raw = memoryview(decompress_prefix(name, data, ORDINARY_BLOCK))
     for length in {len(raw), min(size, len(raw))}:
-        if crc and zlib.crc32(raw[:length]) == crc:
+        if crc and crc32(raw[:length]) == crc:
             return np.frombuffer(raw[:length], np.uint8), True
     return np.frombuffer(raw, np.uint8), False
 

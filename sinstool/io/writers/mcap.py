@@ -9,13 +9,13 @@ offsets.
 from __future__ import annotations
 
 import struct
-import zlib
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Future
 from typing import IO
 
 import mcap.records as records
+from isal.isal_zlib import crc32
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
@@ -275,7 +275,7 @@ class McapWriter:
                 offsets += _bytes_of(offset)
         offset_start = start + len(summary)
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
-        crc = zlib.crc32(bytes(summary) + bytes(offsets) + footer)
+        crc = crc32(bytes(summary) + bytes(offsets) + footer)
         self._write(bytes(summary) + bytes(offsets) + footer + struct.pack("<I", crc))
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 import threading
-import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,6 +11,7 @@ from itertools import pairwise
 import lz4.frame
 import numpy as np
 import zstandard
+from isal.isal_zlib import crc32
 from mcap.opcode import Opcode
 
 from sinstool.core.parts import kernel, part
@@ -151,7 +151,7 @@ def _pack_one(
     data = _compress(compression, chunk)
     name = compression.encode()
     start, end = int(times.min()), int(times.max())
-    crc = zlib.crc32(chunk.data)
+    crc = crc32(chunk.data)
     fields = f"<qqQII{len(name)}sQ"
     body = struct.pack(fields, start, end, len(chunk), crc, len(name), name, len(data))
     head = struct.pack("<BQ", Opcode.CHUNK, len(body) + len(data)) + body
