@@ -278,22 +278,23 @@ def _lone(values, rows, columns):  # type: ignore[no-untyped-def]
     These neighbours move by little beside it. As many are found as there is room for.
     """
     count = 0
-    for i in range(BESIDE, len(values) - BESIDE):
-        for k in range(6):
-            # The rarest first, as a processor guesses which way it goes
-            there = values[i, k] - values[i - 1, k]
-            if SHARE * abs(there) <= abs(values[i - 1, k] - values[i - 2, k]):
-                continue
+    for k in range(6):
+        before = abs(values[BESIDE - 1, k] - values[BESIDE - 2, k])
+        there = values[BESIDE, k] - values[BESIDE - 1, k]
+        for i in range(BESIDE, len(values) - BESIDE):
             back = values[i + 1, k] - values[i, k]
-            if SHARE * abs(back) <= abs(values[i + 2, k] - values[i + 1, k]) or there * back >= 0.0:
-                continue
-            least = most = values[i + 1, k]
-            for j in range(1, BESIDE + 1):
-                for beside in (values[i - j, k], values[i + j, k]):
-                    least, most = min(least, beside), max(most, beside)
-            if most - least < SHARE * 0.5 * abs(there - back) and count < len(rows):
-                rows[count], columns[count] = i, k
-                count += 1
+            # The rarest first, as a processor guesses which way it goes
+            if SHARE * abs(there) > before and there * back < 0.0:
+                least = most = values[i + 1, k]
+                for j in range(1, BESIDE + 1):
+                    for beside in (values[i - j, k], values[i + j, k]):
+                        least, most = min(least, beside), max(most, beside)
+                after = abs(values[i + 2, k] - values[i + 1, k])
+                small = most - least < SHARE * 0.5 * abs(there - back)
+                if small and SHARE * abs(back) > after and count < len(rows):
+                    rows[count], columns[count] = i, k
+                    count += 1
+            before, there = abs(there), back
     return count
 
 
