@@ -27,7 +27,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.order_statistics import quantile
+from sinstool.core.order_statistics import median, quantile
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import GAP_INTERVALS, SECOND
 
@@ -181,7 +181,7 @@ def _usual_interval(stamp_ns: IntArray) -> float:
     half = min(max(LEAST_SAMPLES // 2, ceil(2.0 * batch)), len(stamp_ns) // 4)
     sums = np.concatenate([[0], np.cumsum(stamp_ns - stamp_ns[0])])
     means = (sums[half:] - sums[:-half]) / half
-    return float(np.median(means[half:] - means[:-half])) / half
+    return float(median(means[half:] - means[:-half])) / half
 
 
 def _lines(stamp_ns: IntArray, interval_ns: float) -> EvenStamps:
@@ -207,15 +207,14 @@ def _broken_at(
     breaks = np.concatenate([[0], missing, [len(stamp_ns)]])
     first, count, time, interval = [], [], [], []
     for begin, end in pairwise(breaks.tolist()):
-        edges = np.unique(
-            np.linspace(begin, end, max(1, round((end - begin) / width)) + 1, dtype=int)
-        )
+        edges = np.linspace(begin, end, max(1, round((end - begin) / width)) + 1, dtype=int)
+        edges = edges[np.append(True, np.diff(edges) > 0)]
         if end - begin < LEAST_SAMPLES:
-            offset = np.full(len(edges), np.median(late[begin:end]))
+            offset = np.full(len(edges), median(late[begin:end]))
         else:
             half = width // 2
             offset = np.array(
-                [np.median(late[max(e - half, begin) : min(e + half, end)]) for e in edges]
+                [median(late[max(e - half, begin) : min(e + half, end)]) for e in edges]
             )
         at = offset + interval_ns * edges
         first += edges[:-1].tolist()
