@@ -182,13 +182,13 @@ def barometer(source: Source, config: ProcessConfig) -> tuple[HeightReference | 
 
 def imu_stated(config: ProcessConfig) -> bool:
     """Whether options say how good the Imu is."""
-    options = config.navigation
-    return (
-        options.imu_grade != "auto"
-        or options.imu_noise is not None
-        or config.in_flight.arw is not None
-        or config.in_flight.vrw is not None
-    )
+    return config.navigation.imu_grade != "auto" or noise_stated(config)
+
+
+def noise_stated(config: ProcessConfig) -> bool:
+    """Whether options give the noise of the Imu in figures."""
+    walks = (config.in_flight.arw, config.in_flight.vrw)
+    return config.navigation.imu_noise is not None or any(walk is not None for walk in walks)
 
 
 def receiver_stated(config: ProcessConfig) -> bool:

@@ -18,7 +18,7 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
 from sinstool.pipelines.process.ins_gnss.contradictions import compare_with_log
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
     has_scales,
-    imu_stated,
+    noise_stated,
     receiver_stated,
 )
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -164,14 +164,31 @@ def _wandering(
 ) -> FilterStart:
     """A start with slow errors of fixes as large as innovations show them.
 
-    Not if options give the noise of the Imu or of the fixes: a wrong value for one would be
-    attributed to the other.
+    Not if options give the noise of the fixes, or that of the Imu in figures: a wrong value for one
+    would be attributed to the other. So would what a grade lacks that an option gives: the slow
+    errors are those that are likeliest with it or with a worse one.
     """
-    if imu_stated(config) or receiver_stated(config):
+    if receiver_stated(config) or noise_stated(config):
         return start
     increments = shown_increments(source, config, algorithm, start)
     shaken = shaking(source, config, algorithm, start)
-    return with_slow_errors(start, start.by_the_fixes, increments, shaken)
+
+    def wandering(start: FilterStart) -> FilterStart:
+        return with_slow_errors(start, start.by_the_fixes, increments, shaken)
+
+    found = wandering(start)
+    if config.navigation.imu_grade == "auto" or max(found.slow_errors) <= 1.0:
+        return found
+    shown = fit(source, config, algorithm, found.by_the_fixes)
+    grade, stated = next_worse(start.grade.grade), start.settings.imu
+    while grade is not None and shown is not None:
+        imu = imu_noise(config, grade, has_scales(config))
+        other = wandering(replace(start, settings=replace(start.settings, imu=imu)))
+        fits = fit(source, config, algorithm, other.by_the_fixes)
+        if fits is not None and shown.worse_than(fits):
+            found, shown = other, fits
+        grade = next_worse(grade)
+    return replace(found, settings=replace(found.settings, imu=stated))
 
 
 def _fitted(

@@ -50,3 +50,24 @@ def test_fixes_with_white_noise_only_do_not_wander(tmp_path, seed, grade):
 def test_what_options_say_of_the_fixes_stays(tmp_path):
     start = started(tmp_path, 1, 4.0, filter={"gnss_lasting": 0.5})
     assert start.slow_errors == (1.0, 1.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_fixes_wander_beside_an_imu_of_a_stated_grade(tmp_path, seed):
+    """A navigation ended 24 of its sigmas off where a grade was given."""
+    start = started(tmp_path, seed, 4.0, navigation={"imu_grade": "tactical"})
+    same_rate = 4.0 * SIGMA * np.sqrt(start.settings.gnss.position_time / 100.0)
+    assert start.settings.gnss.position_markov[0] == pytest.approx(same_rate, rel=0.6)
+    assert start.grade.grade == "tactical"
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_what_a_stated_grade_lacks_is_not_taken_for_errors_of_fixes(tmp_path, seed):
+    stated = {"imu_grade": "navigation"}
+    start = started(tmp_path, seed, 0.0, grade="industrial", navigation=stated)
+    assert start.slow_errors == (1.0, 1.0)
+
+
+def test_what_options_say_of_the_noise_of_the_imu_stays(tmp_path):
+    start = started(tmp_path, 1, 4.0, in_flight={"arw": 1e-5, "vrw": 1e-3})
+    assert start.slow_errors == (1.0, 1.0)
