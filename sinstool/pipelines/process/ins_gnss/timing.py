@@ -127,6 +127,24 @@ def with_offsets(
                 tried.append((latency, shown))
         return shown
 
+    def no_better(latency: float) -> bool:
+        """Whether the latency settled on explains the fixes no better than the one assumed.
+
+        A start with a wrong latency may have an attitude that makes any other latency less likely,
+        so each has its own start. Fixes at a wrong time look noisy, so both have the noise of the
+        first.
+        """
+        if not tried or tried[-1][1].square <= at_first:
+            return False
+        try:
+            start = begun_at(latency)
+        except AlignmentError:
+            return True
+        settings = replace(start.settings, gnss=first.settings.gnss)
+        start = replace(start, gnss=first.gnss, settings=settings)
+        shown = _with_same_start(source, config, algorithm, start)(latency, None)
+        return shown is None or shown.square > at_first
+
     used, offsets, agrees = settle(evaluate, assumed)
     at_first = tried[0][1].square if tried else 0.0
     if _doubtful(tried) or _went_along(made):
@@ -135,9 +153,7 @@ def with_offsets(
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
         if tried and tried[-1][1].misfit < least:
             used, offsets, agrees = other
-    # A start with a wrong latency may have an attitude that makes any other latency less likely
-    no_better = bool(tried) and tried[-1][1].square > at_first
-    if offsets is not None and abs(used - assumed) > LEAST_S and no_better:
+    if offsets is not None and abs(used - assumed) > LEAST_S and no_better(used):
         same = _with_same_start(source, config, algorithm, first)
         likelier = likeliest(same, (assumed, used), offsets.arm_elsewhere_b)
         if likelier is not None:

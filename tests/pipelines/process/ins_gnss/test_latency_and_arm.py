@@ -400,6 +400,17 @@ def test_rough_air_of_a_start_by_positions_alone(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [2, 4])
+def test_a_start_with_a_wrong_latency_does_not_hold_it_back(tmp_path, seed):
+    """It was compared with the latency found by its own attitude: half of it, 9 sigmas off."""
+    data = record(flight(seed, 300.0, turbulent=True), GRADES["tactical"], 1000 * seed, latency=0.1)
+    arm = LEVER + 0.1 * np.random.default_rng(1000 * seed).standard_normal(3)
+    start = start_of(write(tmp_path / "log.mcap", data), input=KIND, gnss=given(arm=arm))
+    assert start.settings.gnss_latency == pytest.approx(0.1, abs=3.0 * start.offsets.sigma_s)
+    assert start.offsets.sigma_s < 0.01
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("moving", "seed"), [(train, 2), (train, 3), (drive, 3)])
 def test_a_shaken_antenna_hides_no_latency(tmp_path, moving, seed):
     """About wrong latencies antennas elsewhere explain how it shakes; 36 to 88 ms were believed."""
