@@ -246,7 +246,7 @@ def test_impossible_tables_are_refused(bad):
 
 @pytest.mark.parametrize(
     "bad", ["cheb:0,0.2,200", "cheb:6,0,200", "cheb:6,0.2,-1", "cheb:6.5,0.2,200", "butter:2",
-            "butter:0,80", "cheb:six,0.2,200"]
+            "butter:0,80", "cheb:six,0.2,200", "butter:inf,80", "cheb:nan,0.2,200"]
 )  # fmt: skip
 def test_impossible_responses_are_refused(bad):
     with pytest.raises(ConfigurationError):
