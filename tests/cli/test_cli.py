@@ -268,7 +268,11 @@ WRONG = {
     "[output": "not valid TOML",
     "[align]\nalign = 'fixed'": "--align fixed needs an attitude",
     "[align]\ninitial_attitude = [1, 2, 3]": "--initial-attitude is given",
-    "[coning]\nbeta_gain = 2.0": "--coning is previous-3",
+    "[coning]\nbeta_gain = 2.0": "--beta-gain has no effect with --coning previous-3",
+    "[coning]\nconing = 'gyro-tuned'\nepsilon = 1.0": "--epsilon has no effect with",
+    "[coning]\nconing = 'singular-perturbation'\npassband = 9.0": "--passband has no effect with",
+    "[input]\nstart = '1e9999999'": "input.start = '1e9999999': '1e9999999' is a time that no log",
+    "[input]\ngnss_clock_offset = 1e300": "input.gnss_clock_offset = 1e+300: must be less than",
 }
 
 
@@ -303,7 +307,7 @@ def test_a_configuration_that_is_not_there(sinstool, tmp_path):
         (("--imu-rate", "0"), "--imu-rate 0.0: "),
         (("--start", "soon"), "--start 'soon': 'soon' is not a time"),
         (("--align", "fixed"), "give --initial-attitude"),
-        (("--sp-preset", "paper"), "choose singular-perturbation"),
+        (("--sp-preset", "paper"), "choose --coning singular-perturbation"),
     ],
 )
 def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):

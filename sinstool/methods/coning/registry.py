@@ -191,6 +191,11 @@ def _own(name: str) -> bool:
     return any(re.fullmatch(family.pattern, name) for family in FAMILIES)
 
 
+def options_of(name: str) -> tuple[str, ...]:
+    """Keyword options of an algorithm; those of other distributions have none."""
+    return next((f.options for f in FAMILIES if re.fullmatch(f.pattern, name)), ())
+
+
 def origin(name: str) -> str:
     """Where an algorithm comes from.
 
