@@ -218,9 +218,10 @@ class FilterOptions(Group):
     sigma_misalignment: float | None = option(
         None,
         "misalignment of the gyros and of the accelerometers in mrad, 1 sigma of each of the six"
-        " angles of either, in place of the grade's; 0: the axes are exact",
+        " angles of each triad, in place of the grade's; 0: the axes are exact",
         "MRAD",
         ge=0,
+        le=1e3,
     )
     baro_sigma: float | None = option(
         None, "slowly varying error of the barometer in m, 1 sigma (default: 10)", "M", gt=0

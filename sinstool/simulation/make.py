@@ -254,7 +254,7 @@ def _coning(s: scenarios.Coning) -> ImuTruth:
     times = sample_times(s.rate, s.duration + s.lead_in, START_NS)
     begin = int(np.searchsorted(times, START_NS + round(s.lead_in * 1e9)))
     if begin >= len(times) - 1:
-        raise ConfigurationError("--duration holds no sample interval")
+        raise ConfigurationError("--duration is shorter than one sample interval")
     truth = classical_coning(times[begin:], np.radians(s.half_angle_deg), s.frequency)
     if begin == 0:
         return truth

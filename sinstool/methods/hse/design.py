@@ -16,9 +16,10 @@ from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC
 from sinstool.methods.hse.fit import MIN_RATE_SPAN
 from sinstool.methods.hse.model import DISTINCT_LEAN, MIN_C23
-from sinstool.methods.hse.status import MAX_LATITUDE, SIGNIFICANT
+from sinstool.methods.hse.run import MAX_LATITUDE
+from sinstool.methods.hse.status import SIGNIFICANT
 
-# A lean of the axis that is easily made and still small for the linear model.
+# A lean of the axis that is easy to set up and small enough for the linear model
 GOOD_LEAN = 8e-3
 FEW_TURNS = 10
 
@@ -103,7 +104,7 @@ def _validate(design: Design) -> None:
     }
     for message, wrong in problems.items():
         if wrong:
-            raise ConfigurationError(message, "see calibrate-hse --plan in the guide")
+            raise ConfigurationError(message, "see `sinstool calibrate-hse --help`")
     for rate in rates:
         if abs(rate) * design.duration_s < 2.0 * np.pi * (1.0 - 1e-9):
             raise ConfigurationError(
@@ -112,8 +113,8 @@ def _validate(design: Design) -> None:
             )
     if np.ptp(rates) < MIN_RATE_SPAN:
         raise ConfigurationError(
-            "the rates differ by less than 10 deg/s: they give no slope",
-            "take 20, 40 and 60 deg/s, better in both directions",
+            "the rates differ by less than 10 deg/s, too little to determine a slope",
+            "take 20, 40 and 60 deg/s, preferably in both directions",
         )
 
 
@@ -178,7 +179,7 @@ def _deviations(columns: FloatArray, sigma: FloatArray) -> FloatArray:
 
 
 def _arcsec(value: float | None) -> str:
-    return "nothing" if value is None else f"{value / ARCSEC:.3g} arcsec"
+    return "not observable" if value is None else f"{value / ARCSEC:.3g} arcsec"
 
 
 def _advice(design: Design, now: Prediction) -> tuple[str, ...]:

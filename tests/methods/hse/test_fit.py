@@ -309,7 +309,7 @@ def test_runs_are_left_out_by_name_and_by_time():
         fit([*runs, runs[0]])
     with pytest.raises(ConfigurationError, match="no run"):
         fit([])
-    with pytest.raises(ConfigurationError, match="method 'best' is unknown: one of joint"):
+    with pytest.raises(ConfigurationError, match="method 'best' is unknown: give one of joint"):
         FitOptions(method="best")
 
 
@@ -328,7 +328,7 @@ def test_without_the_scatter_of_turns_all_runs_weigh_the_same():
     runs = noisy(brute_runs(), rng)
     runs[1] = replace(runs[1], sigma_heading=np.nan)
     result = fit(runs, HEADING)
-    assert any("have the same weight" in w for w in result.warnings)
+    assert any("get the same weight" in w for w in result.warnings)
     assert result.distribution == "t"
     equal = fit(runs, FitOptions(method="heading", weights="equal"))
     assert result.lambda2 == equal.lambda2
