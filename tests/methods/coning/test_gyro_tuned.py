@@ -157,6 +157,9 @@ def test_caveat_names_the_bands():
     assert "60 Hz" in chosen.caveat
     assert "real coning above 110 Hz" in chosen.caveat
     assert algorithm("previous-3").caveat == ""
+    # without a stopband nothing makes it ignore what is above the passband
+    open_above = algorithm("gyro-tuned", interval=STEP, passband=60.0)
+    assert "not controlled" in open_above.caveat and "ignored" not in open_above.caveat
 
 
 def test_real_coning_above_the_stopband_is_ignored():
