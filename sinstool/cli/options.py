@@ -54,7 +54,7 @@ class Numbers(click.ParamType):
             words = f" or one of {', '.join(self.words)}" if self.words else ""
             whole = "whole " if self.kind is int else ""
             count = "" if self.count is None else f"{self.count} "
-            self.fail(f"'{value}' is not {count}{whole}numbers with commas between{words}", param)
+            self.fail(f"'{value}' is not {count}{whole}numbers separated by commas{words}", param)
         return numbers
 
 
