@@ -22,6 +22,10 @@ from sinstool.methods.hse.status import SIGNIFICANT
 # A lean of the axis that is easy to set up and small enough for the linear model
 GOOD_LEAN = 8e-3
 FEW_TURNS = 10
+# Far beyond any table, campaign and gyro: numbers that only a slip of the keyboard makes
+MAX_RATE = np.radians(10_000.0)
+MAX_REPEATS = 1000
+MAX_RANDOM_WALK = np.radians(100.0) / 60.0
 
 
 @dataclass(frozen=True)
@@ -35,11 +39,11 @@ class Design:
     repeats : int
         Runs at each rate and position.
     duration_s : float
-        Of each run, s; whole turns of it are used.
+        Duration of each run, s; its whole turns are used.
     C23 : tuple of float
-        Lean of the axis to the east at each position.
+        Lean of the axis to the east at each position: the east component of its unit vector.
     angle_random_walk : float
-        Of the gyro, rad/sqrt(s).
+        Angular random walk of the gyros, rad/sqrt(s).
     latitude : float
         rad.
     """
@@ -97,9 +101,15 @@ def _validate(design: Design) -> None:
     rates = np.asarray(design.rates, dtype=np.float64)
     problems = {
         "no rate is given": len(rates) == 0,
+        "a rate is beyond 10000 deg/s": bool(np.any(np.abs(rates) > MAX_RATE)),
         "there are no repeats": design.repeats < 1,
+        f"there are more than {MAX_REPEATS} repeats": design.repeats > MAX_REPEATS,
         "no position is given": len(design.C23) == 0,
+        "the axis leans by more than 1 rad": any(abs(lean) > 1.0 for lean in design.C23),
         "the random walk of the gyro is not positive": not design.angle_random_walk > 0.0,
+        "the random walk of the gyro is beyond 100 deg/sqrt(h)": (
+            design.angle_random_walk > MAX_RANDOM_WALK
+        ),
         "the latitude is beyond 85 deg": abs(design.latitude) > MAX_LATITUDE,
     }
     for message, wrong in problems.items():
