@@ -71,24 +71,27 @@ class ResultBlock:
     Attributes
     ----------
     solution : Solution
-        Rates and specific force are NaN where the result does not have them.
+        Angular rates and specific forces are NaN if the result does not have them.
     local_n : ndarray, shape (n, 3), or None
         Position from the origin of the reference frame, NED, m; None without a position.
     q_nv : ndarray, shape (n, 4), or None
-        Attitude of the vehicle that the sensor is mounted in; None where it is unknown.
+        Attitude of the vehicle that the sensor is mounted in; None if it is unknown.
+    has_rates : bool
+        Whether the result has angular rates and specific forces, the same for all its blocks.
     """
 
     solution: Solution
     local_n: np.ndarray | None = None
     q_nv: np.ndarray | None = None
+    has_rates: bool = True
 
     def __len__(self) -> int:
         return len(self.solution)
 
     def rows(self, which: slice | np.ndarray) -> ResultBlock:
         """Rows by slice, mask or index array."""
-        also = (None if one is None else one[which] for one in (self.local_n, self.q_nv))
-        return ResultBlock(self.solution.rows(which), *also)
+        local, q_nv = (None if one is None else one[which] for one in (self.local_n, self.q_nv))
+        return ResultBlock(self.solution.rows(which), local, q_nv, self.has_rates)
 
 
 class ResultReader:
@@ -275,7 +278,8 @@ class ResultReader:
                 covariance = values["fix"]["fix_covariance"].reshape(-1, 3, 3)
                 columns["covariance_position_n"] = _unknown(enu_to_ned_covariance(covariance))
         q_nv = self._turned_back(values["vehicle"]["q"]) if "vehicle" in values else None
-        return ResultBlock(Solution(time_ns, log_time_ns, q_nb, **columns), local, q_nv)  # type: ignore[arg-type]
+        solution = Solution(time_ns, log_time_ns, q_nb, **columns)  # type: ignore[arg-type]
+        return ResultBlock(solution, local, q_nv, has_rates=imu is not None)
 
     def _attitude(self, values: Joined) -> np.ndarray:
         if self._source == "euler":
