@@ -18,10 +18,10 @@ from sinstool.core import version
 from sinstool.core.errors import ConfigurationError, SinstoolError
 from sinstool.core.memory import memory_held
 
-# Waiting for the scheduler, for a first worker, and for cancelled jobs to let go of their files, s.
+# Longest wait for the scheduler and a first worker, and for cancelled jobs to close their files, s
 CONNECT = 10.0
 LET_GO = 10.0
-# When a worker dies the system closes its connection first, its files up to so much later, s.
+# The system closes the connection of a dead worker at once, its files up to this much later, s
 DYING = 1.0
 START = "dask worker --nworkers 2 --nthreads 1 {address}"
 
@@ -32,9 +32,10 @@ def run_on_cluster(tasks: Sequence[jobs.Task], workers: jobs.Workers) -> Generat
     Raises
     ------
     ConfigurationError
-        The extra ``cluster`` is missing, or a worker cannot be used.
+        If the extra ``cluster`` is not installed, or a worker has a different sinstool or sees
+        different files.
     SinstoolError
-        The scheduler does not answer, or has no worker.
+        If the scheduler does not answer, or has no worker.
     """
     address = workers.scheduler or ""
     folders = list(dict.fromkeys(f for task in tasks for f in task.job.folders))
@@ -50,7 +51,7 @@ def require_distributed() -> Any:
     Raises
     ------
     ConfigurationError
-        It is not installed.
+        If it is not installed.
     """
     try:
         return importlib.import_module("distributed")
@@ -102,8 +103,8 @@ def _client(address: str, tls: jobs.Tls | None) -> Iterator[Any]:
 
 
 def _require_version(client: Any, address: str) -> None:
-    # A function within a function travels with its code, so that a worker with another sinstool,
-    # or none, can answer too.
+    # A nested function is sent with its code, so that a worker with another version of sinstool, or
+    # without it, can answer too.
     def theirs() -> str:
         import importlib
 
@@ -114,13 +115,13 @@ def _require_version(client: Any, address: str) -> None:
         if said != ours:
             what = f"has sinstool {said}" if isinstance(said, str) else f"has no sinstool ({said})"
             raise ConfigurationError(
-                f"the worker {worker} of {address} {what}, this is {ours}",
+                f"the worker {worker} of {address} {what}, and this machine {ours}",
                 f"pip install 'sinstool[cluster]=={ours}' in its environment",
             )
 
 
 def _require_same_files(client: Any, seen: Sequence[Any], folder_tokens: Sequence[Any]) -> None:
-    """Refuse a cluster with a worker that sees other files than we do, before anything starts."""
+    """Refuse a cluster with a worker that does not see the same files, before anything starts."""
     hint = "inputs and outputs must lie where all workers see them under the same path"
     replies = client.run(what_differs, seen, folder_tokens, on_error="return")
     differing: list[str] = []
@@ -133,7 +134,7 @@ def _require_same_files(client: Any, seen: Sequence[Any], folder_tokens: Sequenc
         if said:
             differing.append(f"the worker {worker} {said}")
         elif missing is not None:
-            differing.append(f"the worker {worker} writes to another {missing}")
+            differing.append(f"the worker {worker} writes to a different {missing}")
     if differing:
         more = f" ({len(differing)} workers in all)" if len(differing) > 1 else ""
         raise ConfigurationError(differing[0] + more, hint)
@@ -162,7 +163,7 @@ def _run(client: Any, tasks: Sequence[jobs.Task]) -> Iterator[jobs.Event]:
             number, future = item
             if left.pop(number, None) is None:
                 continue
-            # Of a worker that died before another did the job
+            # Unfinished files of a worker that died before another one did the job
             jobs.remove_left(tasks[number])
             outcome = _outcome(tasks[number], future)
             if outcome.died:
@@ -181,7 +182,7 @@ def _done(news: queue.SimpleQueue[Any], number: int) -> Callable[[Any], None]:
 
 
 def _outcome(task: jobs.Task, future: Any) -> jobs.Outcome:
-    """The outcome of a future, or the error that took its place."""
+    """The outcome that a future holds, or an outcome made of its error."""
     name = task.job.name
     if future.status == "finished":
         outcome: jobs.Outcome = future.result()
@@ -199,7 +200,7 @@ def _outcome(task: jobs.Task, future: Any) -> jobs.Outcome:
 
 
 def _give_up(client: Any, topic: str, futures: Sequence[Any]) -> None:
-    """Cancel jobs, and wait until those that were begun have let go of their files."""
+    """Cancel jobs, and wait until those that had begun have closed their files."""
     with contextlib.suppress(Exception):
         client.cancel(list(futures), force=True)
         until = time.monotonic() + LET_GO
@@ -213,12 +214,12 @@ def _busy(topic: str, dask_worker: Any) -> bool:
 
 
 class _Cancelled(BaseException):
-    """Nobody wants this job any more."""
+    """The client has cancelled this job, or is gone."""
 
 
 @contextlib.contextmanager
 def _seldom_collected() -> Iterator[None]:
-    """Look for garbage as seldom as our own workers do; a job leaves next to none."""
+    """Collect garbage as seldom as local workers do: a job leaves hardly any."""
     before = gc.get_threshold()
     gc.set_threshold(*jobs.GARBAGE)
     try:
@@ -240,7 +241,7 @@ def _work(task: jobs.Task, key: str, topic: str) -> jobs.Outcome:
         worker.log_event(topic, (task.number, fraction))
 
     if not all(Path(folder).is_dir() for folder in task.job.folders):
-        # A worker that came later than the check
+        # A worker that joined the cluster after the check
         return jobs.Outcome(error=f"{task.job.name}: a worker does not see the output", exit_code=1)
     try:
         with memory_held(), _seldom_collected():

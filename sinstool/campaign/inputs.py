@@ -1,8 +1,8 @@
 """The logs that files, folders and patterns stand for, and the names of their outputs.
 
-A ROS 2 bag is a folder and one log; any other folder stands for those in it, be it one.
-What a file is, is decided by its first bytes, as when it is opened. A file with the name of a log
-whose bytes are none counts as one too, so that it is reported as failed.
+A ROS 2 bag is a folder and one log; any other folder stands for the logs in it, even if there is
+only one. As when a log is opened, the first bytes of a file decide what it is. A file that has the
+suffix of a log but not its first bytes counts as a log too, so that it is reported as failed.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from sinstool.core.errors import ConfigurationError, NotALogError, OutputError
 from sinstool.io.readers.formats import METADATA, kind_of
 
 OUTPUT_SUFFIX = ".mcap"
-# A file named so is meant as a log, whatever it holds.
+# Files with these suffixes are meant as logs, whatever they hold
 LOG_SUFFIXES = (".mcap", ".bag", ".db3", ".ulg")
 _PART = re.compile(r"(?P<stem>.+)_(?P<number>\d+)\.(db3|mcap)(\.zstd)?")
 _MAGIC = re.compile(r"[*?[]")
@@ -25,14 +25,15 @@ _MAGIC = re.compile(r"[*?[]")
 
 @dataclass(frozen=True)
 class LogInput:
-    """A log, and its name among the others.
+    """A log, and the relative path that its output gets.
 
     Attributes
     ----------
     path : Path
-        As it was named.
+        The log, as the user named it.
     name : PurePath
-        Relative: its file's name, or its place in the folder or pattern that was named.
+        Its file name, or its path relative to the folder, or to the fixed part of the pattern,
+        that the user named.
     """
 
     path: Path
@@ -49,8 +50,8 @@ class LogInput:
 def is_bag(path: Path) -> bool:
     """Whether a folder is a ROS 2 bag: one log.
 
-    It has ``metadata.yaml``; or, where that is lost, its files are called as rosbag2 calls them,
-    after the folder, and numbered.
+    It has ``metadata.yaml``; or, where that is lost, all its files are named as rosbag2 names them:
+    after the folder, and numbered from 0.
     """
     if (path / METADATA).is_file():
         return True
@@ -64,9 +65,9 @@ def is_bag(path: Path) -> bool:
 
 
 def are_many(inputs: Sequence[Path]) -> bool:
-    """Whether inputs are (or may be) several logs: more than one, a folder of logs, a pattern.
+    """Whether inputs are (or may be) several logs: more than one, a folder of logs, or a pattern.
 
-    How many logs a folder happens to hold makes no difference.
+    The number of logs that the folder or the pattern happens to hold makes no difference.
     """
     if len(inputs) != 1:
         return len(inputs) > 1
@@ -85,7 +86,7 @@ def find_logs(inputs: Sequence[Path], without: Path | None = None) -> list[LogIn
         Files, ROS 2 bag folders, folders that hold logs (at any depth), and patterns with ``*``,
         ``?``, ``[...]`` or ``**``, as a shell leaves them when they are quoted.
     without : Path, optional
-        A folder that is not looked into: that of the outputs, ``-o``.
+        A folder that is not searched: that of the outputs, ``-o``.
 
     Returns
     -------
@@ -97,7 +98,7 @@ def find_logs(inputs: Sequence[Path], without: Path | None = None) -> list[LogIn
     NotALogError
         A path does not exist, or a folder or pattern holds no log.
     OutputError
-        It holds none because it lies in that of the outputs.
+        All that a folder or pattern names lies in the folder of the outputs.
     """
     hidden = None if without is None else without.resolve()
     logs_by_path: dict[Path, LogInput] = {}
@@ -109,7 +110,7 @@ def find_logs(inputs: Sequence[Path], without: Path | None = None) -> list[LogIn
 
 
 def expand(inputs: Sequence[Path]) -> list[Path]:
-    """Inputs as they are, but for folders of logs and patterns, which become their logs.
+    """Inputs, with folders of logs and patterns replaced by their logs.
 
     Raises
     ------
@@ -139,14 +140,14 @@ def _logs_of(path: Path, hidden: Path | None) -> list[LogInput]:
     root = Path(*_fixed(path))
     parts = path.parts[len(root.parts) :]
     ways = [(p, _passed(p, root)) for p in sorted(_matches(root, parts))]
-    # but those that a link leads through one folder twice
+    # without paths that pass through one folder twice, by a link
     matches = [p for p, passed in ways if len(set(passed)) == len(passed)]
     free = [p for p in matches if hidden is None or not _inside(p, hidden)]
     bags = {p for p in free if p.is_dir() and is_bag(p)}
     logs = []
     for match in free:
         if not bags.isdisjoint(match.parents):
-            continue  # a part of a log that is there itself
+            continue  # part of a bag that matches as a whole
         if match.is_dir():
             paths = (
                 [match]
@@ -170,7 +171,7 @@ def _among_outputs(path: Path) -> OutputError:
 
 
 def _below(folder: Path, hidden: Path | None, seen: set[Path] | None = None) -> list[Path]:
-    """Logs in a folder and below it, by name; a folder that links lead to again counts once."""
+    """Logs in a folder and below it, by name; a folder that a link leads to again counts once."""
     seen = set() if seen is None else seen
     seen.add(folder.resolve())
     paths: list[Path] = []
@@ -189,7 +190,7 @@ def _below(folder: Path, hidden: Path | None, seen: set[Path] | None = None) -> 
 
 def _matches(root: Path, parts: Sequence[str]) -> Iterator[Path]:
     """Paths below a folder that match the parts of a pattern."""
-    # The standard library follows links that lead back in `**`, for ever if there are two.
+    # With `**` the standard library follows links that lead back, endlessly if there are two.
     if "**" not in parts:
         yield from map(Path, glob.glob(str(Path(glob.escape(str(root)), *parts))))
         return
@@ -211,7 +212,7 @@ def _folders(top: Path, seen: set[Path]) -> Iterator[Path]:
 
 
 def _passed(path: Path, root: Path) -> list[Path]:
-    """Folders on the way from one to a path, with both, as they are without links."""
+    """The folders from `root` to a path, both included, with links resolved."""
     return [p.resolve() for p in (path, *path.parents) if p == root or root in p.parents]
 
 
@@ -228,14 +229,14 @@ def _files(path: Path) -> list[Path]:
 
 
 def _is_log(path: Path) -> bool:
-    # A link that leads nowhere is none, and a pipe would be waited for.
+    # A broken link is no log, and opening a pipe would wait for its writer.
     if not path.is_file():
         return False
     try:
         with path.open("rb") as stream:
             return kind_of(stream)[0] != "" or path.suffix.lower() in LOG_SUFFIXES
     except OSError:
-        # Listed all the same: whoever opens it says what is wrong.
+        # Counts as a log: opening it will say what is wrong.
         return True
 
 
@@ -244,7 +245,7 @@ def _is_pattern(path: Path) -> bool:
 
 
 def _fixed(path: Path) -> list[str]:
-    """The leading parts of a pattern that are no pattern; its last part never is one."""
+    """The leading parts of a pattern without wildcards, except its last part."""
     fixed: list[str] = []
     for part in path.parts[:-1]:
         if _MAGIC.search(part):
@@ -259,7 +260,7 @@ def output_paths(logs: Sequence[LogInput], folder: Path, suffix: str = "") -> li
     Parameters
     ----------
     suffix : str
-        Put in place of ``.mcap``, for what lies beside the outputs.
+        Replaces ``.mcap`` for other files than results.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Independent jobs, run by processes of this machine or of a cluster.
+"""Independent jobs, run by processes on this machine or on a cluster.
 
-A job is a function of plain values, so that it does not matter where it runs: in a process of
-this machine (`local`) or of a Dask cluster (`cluster`). What comes back is a stream of events.
+A job is a function of plain values, so that it does not matter where it runs: in a process on
+this machine (`local`) or on a Dask cluster (`cluster`). Both return a stream of events.
 """
 
 from __future__ import annotations
@@ -22,28 +22,30 @@ from sinstool.core.threads import single_threaded
 from sinstool.core.whole_file import completed_outputs
 
 Report = Callable[[float], None]
-# Progress is reported at most that often, s.
+# Shortest interval between two reports of progress, s
 TELL_EVERY = 0.2
-# When workers look for garbage: objects made, and how often among older ones.
+# Thresholds of the workers' garbage collection, for gc.set_threshold
 GARBAGE = (100_000, 50, 50)
 
 
 @dataclass(frozen=True)
 class Job:
-    """Something to do, apart from everything else.
+    """A piece of work that does not depend on any other.
 
     Attributes
     ----------
     name : str
-        For people.
+        Name for messages.
     function : callable
-        Of a module, found by name on the other side: ``function(*arguments, progress)``, where
-        ``progress`` takes the fraction done. What it returns travels back, so: plain values, or a
-        result, which travels as its row.
+        A function at the top level of a module, because workers import it by name. It is called as
+        ``function(*arguments, progress)``, where ``progress`` takes the fraction done, and returns
+        plain values, or a `Result`, of which its row is sent back.
+    arguments : tuple
+        Plain values.
     size : int
-        Bytes of its input; the largest are begun first.
+        Bytes of its input; the largest jobs are begun first.
     folders : tuple of Path
-        Where it writes.
+        Folders that it writes to.
     """
 
     name: str
@@ -60,19 +62,19 @@ class Outcome:
     Attributes
     ----------
     value : object
-        What its function returned; None unless it did.
+        What its function returned; None if it failed.
     error : str
-        One line, empty if there was none.
+        One line; empty if there was no error.
     exit_code : int
-        That of the error.
+        Exit status that belongs to the error.
     died : bool
-        Its worker died, again and again.
+        Whether it was given up because its worker died on every attempt.
     trace : str
-        The traceback, for who wants to see it.
+        The traceback of the error.
     written : tuple of Path
         Files that it completed.
     choices : tuple of str
-        Choices and their reasons, if the task asks for them.
+        Choices and their reasons, if the task asked for them.
     """
 
     value: Any = None
@@ -91,9 +93,11 @@ class Event:
     Attributes
     ----------
     number : int
-        Of the job.
+        Number of the job.
     fraction : float or None
-        None where it was given back because its worker died.
+        Fraction done; None with an outcome, and where the job begins anew after its worker died.
+    outcome : Outcome or None
+        None until the job has ended.
     """
 
     number: int
@@ -103,15 +107,17 @@ class Event:
 
 @dataclass(frozen=True)
 class Tls:
-    """Files by which a cluster and we know each other, in PEM.
+    """PEM files for an encrypted connection to a cluster.
 
     Attributes
     ----------
     authority : Path
-        Certificate of the authority that signed those of scheduler and workers; who has no
-        certificate from it is not talked to.
-    certificate, key : Path
-        Ours; no key where the certificate's file has it.
+        Certificate of the authority that signed the scheduler's and the workers' certificates;
+        all others are refused.
+    certificate : Path
+        Our certificate.
+    key : Path or None
+        Our key; None if it is in the file of the certificate.
     """
 
     authority: Path
@@ -121,16 +127,16 @@ class Tls:
 
 @dataclass(frozen=True)
 class Workers:
-    """Where and by how many processes jobs are done.
+    """Where jobs are done, and by how many processes.
 
     Attributes
     ----------
     processes : int
-        Of this machine.
+        Number of processes on this machine.
     scheduler : str or None
-        Address of a Dask scheduler, whose workers do them instead.
+        Address of a Dask scheduler, whose workers do the jobs instead.
     reads : tuple of Path
-        Inputs, which workers elsewhere must see as we do.
+        Inputs, which workers on other machines must see under the same paths.
     tls : Tls or None
         For a scheduler at ``tls://``.
     """
@@ -147,10 +153,12 @@ class Task:
 
     Attributes
     ----------
+    number : int
+        Position of the job among all jobs.
     version : str
-        Of the sinstool that asks.
+        The client's version of sinstool.
     log_choices : bool
-        Whether what is chosen, and why, is to be in the outcome.
+        Whether the outcome is to hold what was chosen, and why.
     """
 
     number: int
@@ -165,7 +173,7 @@ def perform(task: Task, tell: Report) -> Outcome:
     Parameters
     ----------
     tell : callable
-        Gets the fraction done, now and then. What it raises ends the job.
+        Called with the fraction done now and then; an exception that it raises ends the job.
     """
     if task.version != version.VERSION:
         said = f"this worker has sinstool {version.VERSION}, the client {task.version}"
@@ -212,7 +220,7 @@ def remove_left(task: Task) -> int:
     Returns
     -------
     int
-        How many unfinished files beside it are in somebody's hands.
+        Number of unfinished files in the same folders that are still open somewhere.
     """
     return sum(sweep(folder) for folder in task.job.folders)
 

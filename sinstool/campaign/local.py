@@ -1,8 +1,8 @@
-"""Jobs in processes of this machine.
+"""Jobs in processes on this machine.
 
-Workers are forked from a server that has imported what they need and has no threads (where the
-system knows it; else they are started afresh), and keep to one core each. Each has a pipe of its
-own, so that it is known which job was lost with which worker.
+Workers are forked from a server that has imported what they need and has no threads (on systems
+without a fork server they are started from scratch), and use one core each. Each has its own pipe,
+which shows the job that was lost when a worker dies.
 """
 
 from __future__ import annotations
@@ -46,9 +46,9 @@ class _Worker:
         self.give(task)
 
     def give(self, task: jobs.Task) -> None:
-        """Have something done."""
+        """Send a task to the worker."""
         self.task = task
-        # One that died meanwhile is found out by its pipe.
+        # If it has died meanwhile, reading its pipe will show it.
         with contextlib.suppress(OSError):
             self.pipe.send(task)
 
@@ -94,12 +94,12 @@ def _listen(
                 yield jobs.Event(task.number, message)
                 continue
             if isinstance(message, UncachedWarning):
-                warnings.warn(message, stacklevel=2)  # the same of each worker, shown once
+                warnings.warn(message, stacklevel=2)  # every worker sends it; shown once
                 continue
             worker.task = None
             yield jobs.Event(task.number, outcome=message)
             if not waiting:
-                # It ends when its pipe does.
+                # The worker ends when its pipe is closed.
                 worker.pipe.close()
                 return
             task = waiting.popleft()
@@ -118,7 +118,7 @@ def _listen(
 
 
 def _stop(crew: Sequence[_Worker]) -> None:
-    """End workers at once, and leave nothing unfinished behind."""
+    """End workers at once, and remove their unfinished files."""
     for worker in crew:
         worker.process.terminate()
     until = time.monotonic() + GRACE
@@ -137,14 +137,14 @@ def _context(modules: Collection[str]) -> BaseContext:
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__, *sorted(modules)])
-    # The server hands its environment on: a worker has one core.
+    # Workers inherit the server's environment; each has one core.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     return context
 
 
 def _serve(pipe: Connection) -> None:
-    """Perform the tasks that come through the pipe until it closes; a process of its own."""
-    # Ctrl-C at a terminal, and its end, reach all; whoever started the workers ends them.
+    """Perform the tasks that come through the pipe until it closes: the main loop of a worker."""
+    # Ctrl-C and the end of a terminal reach all processes; the parent ends its workers itself.
     for number in ("SIGINT", "SIGHUP"):
         if hasattr(signal, number):
             signal.signal(getattr(signal, number), signal.SIG_IGN)
@@ -164,19 +164,19 @@ def _serve(pipe: Connection) -> None:
         while True:
             task = pipe.recv()
             pipe.send(jobs.perform(task, pipe.send))
-    # What is left of the interpreter is given back faster by the system.
+    # The system frees the memory faster than the interpreter would.
     os._exit(0)
 
 
 def _terminated(number: int, frame: FrameType | None) -> None:
     del number, frame
-    # Once: what is being removed now must not be interrupted in its turn.
+    # A second signal must not interrupt the removal of unfinished files.
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise SystemExit(1)
 
 
 def _with_parent() -> None:
-    """Do not outlive the process that wants the results."""
+    """End this worker when its parent process ends."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         wait([parent.sentinel])

@@ -1,4 +1,4 @@
-"""Execution of jobs: in this process, in processes of this machine, or on a cluster."""
+"""Execution of jobs: in processes on this machine or on a cluster."""
 
 from __future__ import annotations
 
@@ -13,18 +13,20 @@ from sinstool.core.whole_file import record_output
 
 
 def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
-    """Do jobs, and tell how it goes; each ends with one event that has an outcome.
+    """Do jobs and yield their progress; the last event of each job has its outcome.
 
     Yields
     ------
     Event
-        In the order in which they happen. A generator that is closed, or interrupted, ends its
-        workers and removes what they left unfinished.
+        In the order in which they happen. Closing or interrupting the generator ends the workers
+        and removes their unfinished files.
 
     Raises
     ------
     ConfigurationError
-        The scheduler cannot be used, or a worker does not see the same files.
+        If a worker of the cluster has a different sinstool or sees different files.
+    SinstoolError
+        If the scheduler does not answer, or has no worker.
     """
     tasks = [Task(number, job, log_choices=choices_are_shown()) for number, job in enumerate(jobs)]
     if workers.scheduler is None:
@@ -38,7 +40,7 @@ def run_jobs(jobs: Sequence[Job], workers: Workers) -> Generator[Event]:
     with contextlib.closing(events):
         for event in events:
             if event.outcome is not None:
-                # as if it had been done here
+                # Record files and choices as if the job had run in this process
                 record_output(*event.outcome.written)
                 replay(jobs[event.number].name, event.outcome.choices)
             yield event
@@ -50,12 +52,12 @@ def results(jobs: Sequence[Job], workers: Workers, progress: Report | None = Non
     Parameters
     ----------
     progress : callable, optional
-        Called with the fraction done of all.
+        Called with the fraction done of all jobs together.
 
     Raises
     ------
     SinstoolError
-        Of the first job, by their order, that failed.
+        The error of the first job, in their order, that failed.
     """
     outcomes: dict[int, Outcome] = {}
     done: dict[int, float] = {}

@@ -1,8 +1,8 @@
 """Checks that workers on other machines see the same files as this one.
 
-A worker that is given a path must find the same bytes behind it, and what it writes must appear
-here. Both are tried before anything starts: inputs by their size and their first bytes, folders
-by a file that each side writes and the other reads.
+A worker must find the same bytes under a path as this machine, and what it writes must appear here.
+Both are checked before anything starts: inputs by their size and their first bytes, folders by a
+file that each side writes and the other reads.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class Sight:
     Attributes
     ----------
     size : int
-        Bytes; of a folder, those of its files.
+        Bytes; for a folder, the sum over its files.
     head : str
-        Hash of its first bytes; of a folder, of the names of its files and their heads.
+        SHA-256 of the first 64 KiB; for a folder, of the names and heads of its files.
     """
 
     size: int
@@ -39,11 +39,12 @@ class Sight:
 
 
 def sight(path: Path) -> Sight:
-    """Look at an input.
+    """Size and first bytes of an input.
 
     Raises
     ------
     OSError
+        If it cannot be read.
     """
     if not path.is_dir():
         with path.open("rb") as stream:
@@ -54,7 +55,7 @@ def sight(path: Path) -> Sight:
 
 
 def sights(paths: Sequence[Path]) -> list[tuple[Path, Sight]]:
-    """Size and first bytes of all inputs that can be read; others fail in their job."""
+    """Size and first bytes of all inputs that can be read; the jobs report the others."""
     inputs = []
     for path in paths:
         with contextlib.suppress(OSError):
@@ -65,12 +66,14 @@ def sights(paths: Sequence[Path]) -> list[tuple[Path, Sight]]:
 
 @dataclass(frozen=True)
 class Token:
-    """A file by which a folder is known to be the same one.
+    """A file by which two machines check that they see the same folder.
 
     Attributes
     ----------
+    path : Path
+        The file.
     text : str
-        What it holds.
+        Its contents, which are random.
     """
 
     path: Path
@@ -79,11 +82,12 @@ class Token:
 
 @contextmanager
 def tokens(folders: Sequence[Path]) -> Iterator[list[Token]]:
-    """Put a token into each folder, and take it away again.
+    """Put a token into each folder, and remove it at the end.
 
     Raises
     ------
     OSError
+        If a folder cannot be written to.
     """
     made: list[Token] = []
     with contextlib.ExitStack() as stack:
@@ -93,7 +97,7 @@ def tokens(folders: Sequence[Path]) -> Iterator[list[Token]]:
             stack.callback(os.close, handle)
             token = Token(path, secrets.token_hex(16))
             os.write(handle, token.text.encode())
-            # Others read it while it is open, and may be other users.
+            # Workers, maybe of another user, read it while it is still open here.
             os.fsync(handle)
             os.chmod(path, 0o644)
             made.append(token)
@@ -103,21 +107,21 @@ def tokens(folders: Sequence[Path]) -> Iterator[list[Token]]:
 def what_differs(
     seen: Sequence[tuple[Path, Sight]], folder_tokens: Sequence[Token]
 ) -> tuple[str, list[Token]]:
-    """Compare the same files on a worker, and answer each token by another one.
+    """Compare inputs and folders on a worker, and answer each token with one of its own.
 
     Parameters
     ----------
     seen : sequence of (Path, Sight)
         Inputs, as the client sees them.
     folder_tokens : sequence of Token
-        Of the client, one in each folder that is written to.
+        The client's tokens, one in each folder that jobs write to.
 
     Returns
     -------
     str
-        What is seen differently; empty for nothing.
+        The first difference; empty if there is none.
     list of Token
-        Answers; the client must see, and remove, them.
+        The worker's tokens, which the client must see and remove.
     """
     for path, expected in seen:
         try:
@@ -125,12 +129,12 @@ def what_differs(
         except OSError as exc:
             return f"does not see {path} ({exc.strerror})", []
         if here != expected:
-            return f"sees another {path} ({here.size} bytes there, {expected.size} here)", []
+            return f"sees a different {path} ({here.size} bytes there, {expected.size} here)", []
     answers: list[Token] = []
     for token in folder_tokens:
         try:
             if token.path.read_text() != token.text:
-                return f"sees another folder {token.path.parent}", answers
+                return f"sees a different folder {token.path.parent}", answers
         except OSError:
             return f"does not see the folder {token.path.parent}", answers
         answer = Token(unlocked_name(token.path.parent, "token"), secrets.token_hex(16))
@@ -143,7 +147,7 @@ def what_differs(
 
 
 def not_seen(answers: Sequence[Token]) -> Path | None:
-    """The first answer that is missing here; all are removed."""
+    """The folder of the first of a worker's tokens that is missing here; all are removed."""
     missing = None
     for answer in answers:
         try:

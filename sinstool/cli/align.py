@@ -64,7 +64,8 @@ def command(
     Alignment in motion (svd, quest, davenport, triad) needs GNSS; alignment at rest (gyrocompass,
     level) needs a log that begins at rest. The exit status is 3 if heading is withheld.
 
-    Several LOGs, a folder or a quoted pattern give a row each, and with --truth the rms errors.
+    Several LOGs, a folder or a quoted pattern give a table with a line for each log, and with
+    --truth the rms errors over all of them.
 
     \b
       sinstool align flight.mcap --method svd --report align.html
@@ -151,7 +152,7 @@ def align_many(
     inputs : sequence of Path
         Files, folders, patterns.
     truth : str or None
-        A topic of the logs, or a file.
+        A topic of the logs, or a CSV file.
 
     Returns
     -------

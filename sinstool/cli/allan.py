@@ -61,10 +61,10 @@ def command(
     """Measure the noise of the IMU in LOG where it rests, and write it for a filter.
 
     Finds the stretches at rest by itself, fits the terms of the Allan variance (quantisation,
-    white noise, bias instability, random walk, ramp) and gives each with its 95 % interval, or the
-    bound that it is below where the log does not show it.
+    white noise, bias instability, random walk, ramp) and gives each with its 95 % interval, or an
+    upper bound where the log does not show it.
 
-    Several LOGs, a folder or a quoted pattern give a line each.
+    Several LOGs, a folder or a quoted pattern give a table with a line for each log.
 
     \b
       sinstool allan rest.mcap -o noise.toml
@@ -153,7 +153,7 @@ def allan_many(
     inputs : sequence of Path
         Files, folders, patterns.
     folder, pages : Path or None
-        Of the noise files and of the pages.
+        Folders for the noise files and for the pages.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Options of commands that take many logs: output, workers, and names that workers share."""
+"""Options of commands that take many logs: output, workers, and file names for workers."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 COLOURS = {Severity.WARNING: "yellow", Severity.LOST: "red", Severity.FAILED: "red"}
 EXIT_HELP = (
     "Exit status with many logs: 1 if a log failed, else 3 if something was lost or withheld in"
-    " one, else 0; the table, and each line of --json, have the status of the single log."
+    " one, else 0. The table and the lines of --json show how each log ended."
 )
 
 
 def workers_options(default: str) -> Callable[[F], F]:
-    """Decorator: the options that say who works.
+    """Decorator: the options that choose the workers.
 
     Parameters
     ----------
     default : str
-        Of ``--jobs``, in words.
+        Default of ``--jobs``, in words.
     """
 
     def decorate(function: F) -> F:
-        for name, of in (
+        for name, text in (
             ("--tls-key", "your key, unless it is in the file of --tls-cert"),
             ("--tls-cert", "your certificate for a cluster at tls://"),
             (
@@ -50,7 +50,7 @@ def workers_options(default: str) -> Callable[[F], F]:
         ):
             kind = click.Path(exists=True, dir_okay=False, path_type=Path)
             function = click.option(
-                name, cls=Option, section="Many logs", type=kind, metavar="FILE", help=of
+                name, cls=Option, section="Many logs", type=kind, metavar="FILE", help=text
             )(function)
         function = click.option(
             "--scheduler",
@@ -75,17 +75,17 @@ class BatchOptions:
     Attributes
     ----------
     jobs : int or None
-        Processes of this machine.
+        Number of processes on this machine.
     scheduler : str or None
-        Address of that of a Dask cluster.
+        Address of the scheduler of a Dask cluster.
     as_json : bool
-        A line of JSON for each log instead of a table.
+        Print JSON, one line for each of many logs, instead of a table.
     quiet : bool
-        No bars and no summary.
+        Print no progress bars and no summary.
     verbose : int
-        How often ``-v`` stands in the command: twice for tracebacks.
+        How often ``-v`` was given: 1 explains choices, 2 shows tracebacks.
     tls : tuple of Path or None
-        Certificate of the authority, our certificate, and our key, for a cluster.
+        For a cluster at tls://: the authority's certificate, our certificate and our key.
     """
 
     jobs: int | None = None
@@ -171,7 +171,7 @@ def show_result(
 
 
 def warn_of(findings: Iterable[Finding]) -> None:
-    """Findings that are more than notes on stderr, the gravest last, where the eye falls."""
+    """Print findings that are more than notes on stderr, the gravest last, to be seen first."""
     for finding in sorted(findings, key=lambda f: f.severity):
         if finding.severity > Severity.NOTE:
             warn(str(finding), COLOURS[finding.severity])
@@ -182,13 +182,15 @@ def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers
 
     Parameters
     ----------
+    reads : sequence of Path
+        Files that the workers read.
     most : int
-        Jobs that there are.
+        Number of jobs, beyond which more processes would be idle.
 
     Raises
     ------
     UsageError
-        Both kinds of workers are named, or encryption only in part.
+        If both kinds of workers are requested, or the TLS files are incomplete.
     """
     from sinstool.campaign.jobs import Tls, Workers
 
@@ -215,12 +217,12 @@ def workers_of(batch: BatchOptions, reads: Sequence[Path], most: int) -> Workers
 
 
 def full_name(name: str | None) -> str | None:
-    """The absolute name of a file, because workers may run elsewhere."""
+    """The absolute path of a file, because workers may run in other folders."""
     return str(Path(name).absolute()) if name is not None and Path(name).is_file() else name
 
 
 def with_full_names(config: ProcessConfig) -> ProcessConfig:
-    """The configuration with full names of files."""
+    """The configuration with absolute paths of its files."""
     changes: dict[str, dict[str, Any]] = {
         "hse": {"hse": full_name(config.hse.hse)},
         "navigation": {"imu_noise": full_name(config.navigation.imu_noise)},

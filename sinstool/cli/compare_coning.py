@@ -42,10 +42,11 @@ def command(
     Runs the algorithms side by side, at the log's rate and at lower ones. Shows their drift against
     the most accurate one, or against --truth, and the drift predicted from the log's own coning.
 
-    Several LOGs, a folder or a quoted pattern give a line each; --csv and --report are then
-    folders. With --paper the published experiment is re-run, its printed figures beside ours.
+    Several LOGs, a folder or a quoted pattern give a table with a line for each log; --csv and
+    --report are then folders. --paper re-runs the published experiment and shows our results beside
+    the printed ones.
     """
-    # [coning] may name an algorithm of `process`, which these options need not fit.
+    # [coning] may choose an algorithm for `process` that the options given here do not go with.
     config = effective_config(config_file, flags, check=False)
     check_comparison(config.comparison, config.coning)
     if show:

@@ -50,7 +50,7 @@ def compare_one(
     overwrite : bool
         Whether the report may be replaced.
     script : Path or None
-        What draws the page's figures, where many pages share it.
+        Script that draws the figures, where many pages share it.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def compare_many(
     overwrite: bool,
     batch: BatchOptions,
 ) -> int:
-    """Compare on every log, and over all.
+    """Compare on every log, and summarise over all of them.
 
     Parameters
     ----------

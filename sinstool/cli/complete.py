@@ -1,4 +1,4 @@
-"""Values of options that the shell offers; none instead of an error."""
+"""Values of options that the shell offers; where finding them fails, it offers none."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ TOPIC_TYPES = {
     "magnetometer": (message_types.MAGNETIC_TYPE,),
     "encoder_topic": (message_types.JOINT_TYPE,),
 }
-# What leaves a topic out (io.readers.topics, which takes long to import), and which it leaves out
+# The word that leaves a topic out (as in io.readers.topics, which is slow to import), and the
+# options that accept it
 NONE = "none"
 OPTIONAL_TOPICS = ("gnss_topic", "velocity_topic", "wheels", "baro_topic", "magnetometer")
 FILES = ("hse", "imu_noise", "report", "gyro_response")
@@ -37,7 +38,7 @@ def completion(name: str) -> Complete | None:
     Parameters
     ----------
     name : str
-        Of the option's field.
+        Name of the option's field.
     """
     if name in ("coning", "reference"):
         return lambda _, __, begun: [CompletionItem(n) for n in names() if n.startswith(begun)]
@@ -47,7 +48,7 @@ def completion(name: str) -> Complete | None:
         return word_list(*EMITS)
     if name in TOPIC_TYPES:
         return _topics(TOPIC_TYPES[name], (NONE,) if name in OPTIONAL_TOPICS else ())
-    # Files the shell knows itself.
+    # The shell completes names of files by itself.
     return (lambda _, __, begun: [CompletionItem(begun, type="file")]) if name in FILES else None
 
 
@@ -66,12 +67,12 @@ def word_list(*words: str) -> Complete:
 
 
 def _topics(types: tuple[str, ...], words: tuple[str, ...]) -> Complete:
-    """Completion of a topic: those of the log that is named already, and words besides."""
+    """Completion of a topic: those of the log that was typed already, and some words."""
 
     def complete(context: click.Context, _: click.Parameter, begun: str) -> list[CompletionItem]:
         typed = context.params.get("log") or context.params.get("logs") or ()
         logs = typed if isinstance(typed, tuple) else (typed,)
-        # An option without its value yet ends click's parsing before it knows what LOG is.
+        # Where an option still lacks its value, click stops parsing before it reaches LOG.
         paths = [path for word in (*logs, *context.args) if (path := Path(word)).is_file()]
         try:
             offered = topics(paths[0], types) if paths else []
@@ -83,12 +84,19 @@ def _topics(types: tuple[str, ...], words: tuple[str, ...]) -> Complete:
 
 
 def topics(log: Path, types: tuple[str, ...]) -> list[str]:
-    """Topics of some types in an MCAP's summary; none where a search would take long.
+    """Topics of the given types in the summary of an MCAP; none for other logs, slow to search.
 
     Parameters
     ----------
+    log : Path
+        A file of any format.
     types : tuple of str
-        As ROS 2 names them.
+        Names of message types as in ROS 2.
+
+    Returns
+    -------
+    list of str
+        Sorted by name.
     """
     from mcap.reader import make_reader
 

@@ -1,4 +1,4 @@
-"""`sinstool completion`: the script with which a shell completes commands and options."""
+"""`sinstool completion`: the script that lets a shell complete commands and options."""
 
 from __future__ import annotations
 

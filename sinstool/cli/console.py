@@ -15,7 +15,7 @@ from sinstool.core.compiling import watched
 from sinstool.core.errors import one_line
 
 F = TypeVar("F", bound=Callable[..., Any])
-# So many characters of a file's name stand beside a progress bar
+# Most characters of a file's name beside a progress bar
 LONGEST_LABEL = 32
 # Shown while numba compiles loops that its cache does not hold yet
 COMPILING = "compiling, in the first run only"
@@ -34,14 +34,14 @@ class Choice(click.Choice):
 
 
 class Group(click.Group):
-    """Commands by name; for an unknown name the nearest one is suggested."""
+    """Commands by name; for an unknown name, the nearest one is suggested."""
 
     what = "command"
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command that is meant, or say which may be."""
+        """Find a command by name; for an unknown name, suggest the nearest one."""
         names = self.list_commands(ctx)
         if args and args[0] not in names and not args[0].startswith("-"):
             from sinstool.core.suggest import nearest
@@ -58,12 +58,12 @@ def progress_bar(label: str, quiet: bool) -> Iterator[Callable[[float], None] | 
     Parameters
     ----------
     quiet : bool
-        None at all.
+        Show no bar.
 
     Yields
     ------
     callable or None
-        Takes the fraction done.
+        Takes the fraction done, from 0 to 1; None without a bar.
     """
     if quiet or not sys.stderr.isatty():
         yield None
@@ -120,14 +120,14 @@ def warn(text: str, colour: str = "yellow") -> None:
 
 
 class _Shown(logging.Handler):
-    """Each choice once a log, although several passes may make it again."""
+    """Prints each choice once for each log, although several passes may make it again."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
         self._printed: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a line to whatever stderr is now: a progress bar may have its hands on it."""
+        """Print a line on the current sys.stderr, which a progress bar may have replaced."""
         text = record.getMessage()
         if text.startswith("log: "):
             self._printed.clear()
@@ -137,12 +137,12 @@ class _Shown(logging.Handler):
 
 
 def verbose_option(also: str = "") -> Callable[[F], F]:
-    """The option ``-v``: the number of its uses, as ``verbose``.
+    """Decorator: the option ``-v``, passed to the command as ``verbose``, its number of uses.
 
     Parameters
     ----------
     also : str
-        What a command shows with it besides.
+        What else the command shows with it, for the help.
     """
 
     def listen(context: click.Context, _: click.Parameter, value: int) -> int:

@@ -22,7 +22,7 @@ def sections() -> list[tuple[str, str]]:
     """
     text = inspect.cleandoc(conventions.__doc__ or "") + "\n"
     matches = re.findall(r"^(\S.*)\n((?:    .*\n|\n)+)", text, re.MULTILINE)
-    # A title stands right above its text; prose has a line of none between.
+    # A title stands right above its indented text; paragraphs of prose are not indented.
     return [(title, inspect.cleandoc(body)) for title, body in matches if body.startswith("    ")]
 
 

@@ -81,7 +81,7 @@ def export_many(
     inputs : sequence of Path
         Files, folders, patterns.
     folder : Path
-        Of the outputs.
+        Folder for the outputs.
 
     Returns
     -------

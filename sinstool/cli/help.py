@@ -24,8 +24,8 @@ SECTIONS = {
     "help_all": "Messages",
 }
 LAST = ("Many logs", "Configuration", "Messages")
-# Headings of the short help, in their order, and what stands there of the full help; all other
-# options are a matter of methods
+# Headings of the short help in order, and under which of them the sections of the full help
+# appear; sections not listed appear under "Methods"
 METHODS = "Methods"
 ORDER = (MAIN, "Input", METHODS, "Running")
 SHORT = {MAIN: MAIN, "Input": "Input", "Output": MAIN, **dict.fromkeys(LAST, "Running")}
@@ -62,7 +62,7 @@ class Command(click.Command):
     def __init__(self, *args: Any, first: Sequence[str] = (), **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         self.first = tuple(first)
-        # Where --help shows all there is --help-all does the same
+        # Where --help shows every option, --help-all is hidden but works the same
         self.params.append(
             click.Option(
                 ["--help-all"],

@@ -45,14 +45,14 @@ def command(
 ) -> int:
     """Show what LOG holds, what is wrong with it, and what process would do with it.
 
-    Several LOGs, a folder or a quoted pattern give a line each.
+    Several LOGs, a folder or a quoted pattern give a table with a line for each log.
     """
     config = effective_config(config_file, flags)
     if show:
         print_config(config, *INFO_OPTIONS)
         return 0
     if not logs:
-        raise click.UsageError("give a LOG to look into")
+        raise click.UsageError("give a LOG to inspect")
     if are_many(logs):
         return info_many(logs, report, config, overwrite, batch)
     if batch.scheduler is not None:
@@ -77,7 +77,7 @@ def info_one(
     script: Path | None,
     progress: Any,
 ) -> Any:
-    """Inspect a log, and write its page if there is to be one.
+    """Inspect a log, and write its page if one is requested.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def info_many(
     inputs : sequence of Path
         Files, folders, patterns.
     folder : Path or None
-        Of the pages.
+        Folder for the pages.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _taken(row: dict[str, Any]) -> dict[str, Any] | None:
-    """The Imu topic that process would use, else the first that can be surveyed."""
+    """The Imu topic that `process` would use, else the first one with a known rate."""
     usable = [imu for imu in row["imu"] if "rate_hz" in imu]
     same = [imu for imu in usable if imu["topic"] == row["process"]["imu_topic"]]
     return next(iter(same or usable), None)

@@ -42,7 +42,7 @@ COMMANDS = {
     "conventions": "Explain frames, axes, quaternions, units, gravity and time.",
     "completion": "Print shell completion for bash, zsh or fish.",
 }
-# So many complete files are named; of more only the number is
+# Most complete files that a message names; of more it gives the number
 NAMED = 3
 
 
@@ -50,7 +50,7 @@ class LazyGroup(Group):
     """A group that knows its commands' names and imports only the one that is run."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return names in the order of a day's work."""
+        """Return the names in the order in which a user needs the commands."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
@@ -91,11 +91,11 @@ def cli() -> None:
 
 def main() -> None:
     """Run the command line; every failure a user can cause ends in one line."""
-    # Our loops are compiled and our matrices small: threads of BLAS would only wait, spinning.
+    # Our loops are compiled and our matrices small: threads of BLAS would only spin.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # To look for plugins it reads the metadata of every installed package.
+    # Looking for plugins, pydantic would read the metadata of every installed package.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    # numpy's warnings of NaN and infinity; where these matter they are counted and reported.
+    # Silence numpy's warnings of NaN and infinity: those that matter are counted and reported.
     if not sys.warnoptions:
         warnings.simplefilter("ignore", RuntimeWarning)
     warnings.showwarning = _warn
@@ -115,7 +115,7 @@ _show_warning = warnings.showwarning
 
 
 def _warn(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-    """Print our own warnings as those of the commands; others as Python does."""
+    """Print warnings of sinstool as the commands print theirs, others as Python does."""
     if issubclass(category, UncachedWarning):
         warn(str(message))
     else:
@@ -123,10 +123,11 @@ def _warn(message: Warning | str, category: type[Warning], *where: Any, **more: 
 
 
 class _StandardOutput:
-    """Standard output without control characters, which may be closed while a command runs.
+    """Standard output without control characters, whose reader may go away at any time.
 
-    Control characters, as in a log's names, are replaced; characters that the encoding lacks are
-    spelled out; and once nobody reads the output any more the rest is discarded.
+    Control characters, which the names in a log may hold, are replaced, and characters that the
+    encoding lacks are written as escapes. Once the reading end of a pipe is closed, all further
+    output is discarded.
     """
 
     def __init__(self, stream: io.TextIOWrapper) -> None:
@@ -153,7 +154,7 @@ class _StandardOutput:
         try:
             yield
         except BrokenPipeError:
-            # As `head` does once it has read enough: no error.
+            # Not an error: `head` closes its end once it has read enough.
             self.end()
         except OSError as exc:
             raise OSError(exc.errno, exc.strerror, "standard output") from exc
@@ -214,7 +215,7 @@ def _fail(error: str, status: int) -> NoReturn:
 
 
 def _usage(exc: click.ClickException) -> str:
-    """Print what is wrong with the arguments, and where the right ones are listed."""
+    """The message of an error in the arguments, with the command that lists the right ones."""
     message = exc.format_message().rstrip(".")
     ctx = exc.ctx if isinstance(exc, click.UsageError) else None
     if ctx is None:
@@ -234,7 +235,7 @@ def _interrupted(exc: BaseException) -> bool:
 
 def _run(outputs: Sequence[Path]) -> None:
     """Run a command and exit with its status."""
-    # -v explains choices; only -vv wants to see where in the program an error was found.
+    # -v explains choices; only -vv asks for a traceback.
     flags = [a for a in sys.argv[1:] if re.fullmatch(r"--verbose|-v+", a)]
     traceback = sum(1 if a == "--verbose" else len(a) - 1 for a in flags) > 1
     try:
@@ -266,7 +267,7 @@ def _run(outputs: Sequence[Path]) -> None:
         where = f"{exc.filename}: " if exc.filename else ""
         _fail(f"{where}{exc.strerror}; {_written(outputs)}", 1)
     except Exception as exc:
-        # Python's own locks may fail where an interrupt meets them, and then hide it
+        # An interrupt inside Python's own locks may surface as another exception
         if not _interrupted(exc):
             raise
         _fail(f"interrupted; {_written(outputs)}", 130)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from sinstool.campaign.jobs import Job, Outcome, Workers
 
 INTERRUPTED = 130
-# So many names of logs behind a warning
+# Most logs that a warning names
 NAMED = 3
 
 
@@ -30,7 +30,7 @@ def log_table(
     rows: Sequence[dict[str, Any]],
     cells: Callable[[dict[str, Any]], Sequence[str]],
 ) -> None:
-    """A line for each log on stdout: its status, its name, and the columns of `cells`."""
+    """Print a line for each log: its status, its path, and the columns that `cells` makes."""
     lines = [
         (row["status"], str(log.path), *cells(row)) for log, row in zip(logs, rows, strict=True)
     ]
@@ -40,19 +40,19 @@ def log_table(
 def page_paths(
     folder: Path | None, logs: Sequence[LogInput]
 ) -> tuple[list[Path | None], Path | None]:
-    """A page for each log, in the folder that ``--report`` names.
+    """Paths of the pages, one for each log, in the folder that ``--report`` names.
 
     Returns
     -------
-    list of Path
-        Of each log.
+    list of Path or None
+        One for each log; None without a folder.
     Path or None
-        The script that draws their figures, which is there then.
+        The script that draws the figures of all pages; it is written here.
 
     Raises
     ------
     UsageError
-        It is the name of a file.
+        The folder has the name of a file.
     OutputError
         The script cannot be written.
     """
@@ -83,13 +83,18 @@ def work_on_logs(
     Parameters
     ----------
     function : callable
-        Takes the log, its outputs, the settings, and what shows progress.
+        Takes the log, its outputs, the settings, and a callable that is passed the fraction done.
     outputs : sequence of tuple
-        What is written of each log; None for what is not.
+        Paths of the outputs of each log; None for one that is not requested.
     reads : sequence of Path
         Files that workers read besides the logs.
     named : bool
-        Whether the row of a log that failed names the first of its outputs.
+        Whether the row of a log that failed names its first output.
+
+    Returns
+    -------
+    list of dict
+        A row for each log.
     """
     from sinstool.campaign.jobs import Job
     from sinstool.core.whole_file import make_folder
@@ -117,13 +122,13 @@ def work_through(
     row: Callable[[int, Outcome], dict[str, Any]],
     batch: BatchOptions,
 ) -> list[dict[str, Any]]:
-    """Do all jobs; errors go to stderr as they come.
+    """Do all jobs; errors are printed on stderr as they occur.
 
     Parameters
     ----------
     row : callable
-        Makes the row of ``--json`` from a job's number and outcome, with ``status`` and ``exit``;
-        `row_of` does most of it.
+        Makes the row of ``--json``, with ``status`` and ``exit``, from a job's number and outcome,
+        usually by :func:`row_of`.
     batch : BatchOptions
         With ``as_json`` a line is printed for each row, in the order of the jobs.
 
@@ -135,7 +140,7 @@ def work_through(
     Raises
     ------
     click.exceptions.Exit
-        With 130 when interrupted, after saying what is done.
+        With status 130 if interrupted, after printing how many jobs are complete.
     """
     from sinstool.campaign.run import run_jobs
 
@@ -170,18 +175,18 @@ def finish(
     table: Callable[[], None] | None = None,
     where: str = "",
 ) -> int:
-    """Say how it went: a table, unless there were lines of JSON, warnings, and how many ended how.
+    """Print the table (unless JSON was printed), the warnings, and the number of logs by status.
 
     Parameters
     ----------
     names : sequence of str
         The logs.
     rows : sequence of dict
-        Of :func:`work_through`.
+        The rows that :func:`work_through` returns.
     table : callable, optional
-        Prints it.
+        Prints the table.
     where : str
-        Where the outputs are, for the last line.
+        Text for the end of the last line: where the outputs are.
 
     Returns
     -------
@@ -203,7 +208,7 @@ def finish(
 
 
 def _warn_together(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> None:
-    """Findings of many logs on stderr, a line for each kind, with the logs that it is about."""
+    """Print findings of many logs on stderr, a line for each kind with the logs that have it."""
     about: dict[str, dict[str, str]] = {}
     for name, row in zip(names, rows, strict=True):
         for finding in row.get("findings", ()):
@@ -220,14 +225,14 @@ def _warn_together(names: Sequence[str], rows: Sequence[dict[str, Any]]) -> None
 
 @contextlib.contextmanager
 def _bars(jobs: Sequence[Job], quiet: bool) -> Iterator[Callable[[int, float | None, bool], None]]:
-    """A bar for all, and one for each log that is being worked on; on a terminal only."""
+    """Show a bar for all jobs and one for each that is running, if stderr is a terminal."""
     if quiet or not sys.stderr.isatty():
         yield lambda number, fraction, ended: None
         return
     from rich import progress
     from rich.console import Console
 
-    # What has no input has no bytes.
+    # Jobs without an input, as those of `simulate`, have no size.
     in_bytes = any(job.size for job in jobs)
     with progress.Progress(
         progress.TextColumn("{task.description}"),
@@ -236,7 +241,7 @@ def _bars(jobs: Sequence[Job], quiet: bool) -> Iterator[Callable[[int, float | N
         progress.TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
-        # else lines of JSON would be written to stderr
+        # otherwise rich would send lines of JSON to stderr
         redirect_stdout=sys.stdout.isatty(),
     ) as bar:
         every = bar.add_task(f"0 of {len(jobs)}", total=sum(job.size for job in jobs) or len(jobs))

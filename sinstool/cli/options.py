@@ -26,7 +26,9 @@ class Numbers(click.ParamType):
     Parameters
     ----------
     count : int, optional
-        How many; any number of them without one.
+        How many numbers; by default any.
+    words : tuple of str, optional
+        Words that are allowed instead of numbers.
     kind : type, optional
         int or float.
     """
@@ -54,7 +56,7 @@ class Numbers(click.ParamType):
             words = f" or one of {', '.join(self.words)}" if self.words else ""
             whole = "whole " if self.kind is int else ""
             count = "" if self.count is None else f"{self.count} "
-            self.fail(f"'{value}' is not {count}{whole}numbers with commas between{words}", param)
+            self.fail(f"'{value}' is not {count}{whole}numbers separated by commas{words}", param)
         return numbers
 
 
@@ -159,7 +161,7 @@ def effective_config(
     flags : mapping
         Keyword arguments of a command; those named ``group__name`` are options.
     check : bool, optional
-        Check also that options fit each other.
+        Check also that the options go together.
 
     Raises
     ------
@@ -171,7 +173,7 @@ def effective_config(
 def effective(
     model: type[G], config_file: Path | None, flags: Mapping[str, Any], check: bool = True
 ) -> G:
-    """As `effective_config`, of any model."""
+    """As :func:`effective_config`, for any model."""
     by_table = {}
     for key, value in flags.items():
         group, separator, name = key.partition("__")
@@ -181,14 +183,14 @@ def effective(
 
 
 def _flat(value: Any) -> Any:
-    """The words of an option that stands several times, as one list."""
+    """The words of an option that was given several times, as one tuple."""
     if isinstance(value, tuple) and value and isinstance(value[0], tuple):
         return tuple(word for words in value for word in words)
     return value
 
 
 def print_config(config: Group, *paths: str) -> None:
-    """Options of the effective configuration on stdout, as --config reads them."""
+    """Print options of the effective configuration as TOML that --config reads."""
     from sinstool.config.commented import commented_toml
 
     click.echo(commented_toml(config, *paths), nl=False)

@@ -62,8 +62,8 @@ def command(
     """Compute attitude, velocity and position from the IMU in LOG, and write them as MCAP.
 
     LOG is an MCAP file, a ROS 1 bag, a ROS 2 bag directory, a .db3 file or a ULog. Several LOGs, a
-    folder or a quoted pattern are processed one by one into the folder OUTPUT; complete outputs are
-    kept.
+    folder or a quoted pattern are processed into the folder OUTPUT, where outputs that are complete
+    already are kept.
 
     \b
       sinstool process flight.mcap -o flight.attitude.mcap --report flight.html
@@ -121,18 +121,18 @@ def process_unless_done(
     script: Path | None,
     progress: Progress | None,
 ) -> ProcessResult | dict[str, Any]:
-    """One of many: as :func:`process_one`, unless its output is there and would be the same.
+    """Process one of many logs, unless its output exists and would come out the same.
 
     Returns
     -------
     ProcessResult or dict
-        Of an output that is there already only ``input``, ``output``, ``travel`` and the ``kinds``
+        For an output that exists already only ``input``, ``output``, ``travel`` and the ``kinds``
         of its findings, with ``status`` and ``exit``.
 
     Raises
     ------
     SinstoolError
-        Also where another file has the output's name.
+        Also if a different file has the output's name.
     """
     if output.exists() and not config.output.overwrite:
         from sinstool.pipelines.provenance import read_figures, require_same
@@ -147,7 +147,7 @@ def process_unless_done(
                 "status": "complete",
                 "exit": 3 if record.get("status") == "lost" else 0,
             }
-        # Only the page is missing: the output is made again with it, as it was.
+        # Only the page is missing: making it makes the output again, unchanged.
         again = config.output.model_copy(update={"overwrite": True})
         config = config.model_copy(update={"output": again})
     from sinstool.report.page import check_report
@@ -166,7 +166,7 @@ def process_many(
     inputs : sequence of Path
         Files, folders, patterns.
     folder : Path
-        Of the outputs.
+        Folder for the outputs.
     config : ProcessConfig
         ``output.report`` is a folder too.
 
@@ -215,7 +215,7 @@ def process_many(
     try:
         write_index(folder, entries, seconds)
     except (SinstoolError, OSError) as exc:
-        # A full disk must not hide what was done
+        # Raised only after the table: a full disk must not hide what was done
         fault = exc
     names = [str(log.path) for log in logs]
     status = many.finish(

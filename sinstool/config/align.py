@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group, option
 
 IN_FLIGHT = ("svd", "quest", "davenport", "triad")
+LONGEST_S = 1e9
+Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class AlignOptions(Group):
@@ -76,7 +80,7 @@ class GnssOptions(Group):
 
     title = "GNSS receiver"
 
-    lever_arm: tuple[float, float, float] | None = option(
+    lever_arm: tuple[Metres, Metres, Metres] | None = option(
         None,
         "from the IMU to the antenna, in m, Forward-Right-Down (default: 0,0,0, or what the filter"
         " finds in the log)",
@@ -92,7 +96,7 @@ class GnssOptions(Group):
         le=10,
     )
     gnss_sigma_v: float = option(
-        0.1, "velocity noise in m/s per axis, where the log gives none", "M/S", gt=0
+        0.1, "velocity noise in m/s per axis, where the log gives none", "M/S", gt=0, le=1e6
     )
 
 
@@ -107,7 +111,9 @@ class InFlightOptions(Group):
         " less its mean (cen), or from the start (int). Differentiated velocity: backward (diff)"
         " or central (diffc). Positions: pos",
     )
-    window: float = option(2.0, "length of the sliding window of win, in s", "S", gt=0)
+    window: float = option(
+        2.0, "length of the sliding window of win, in s", "S", gt=0, le=LONGEST_S
+    )
     fade: float | None = option(
         None, "time constant in s with which old vectors are forgotten", "S", gt=0
     )
@@ -120,13 +126,15 @@ class InFlightOptions(Group):
         "kf", "refine the solver's attitude by a linear Kalman filter over the same vectors, or not"
     )
     align_start: float | None = option(
-        None, "start of alignment, in s from the log's start", "S", ge=0
+        None, "start of alignment, in s from the log's start", "S", ge=0, le=LONGEST_S
     )
     align_end: float | None = option(
         None,
-        "end of alignment, in s from the log's start (default: 200 s after its start)",
+        "end of alignment, in s from the log's start (default: 200 s after its start, or later"
+        " where that is too short; --gate paper ends it by itself)",
         "S",
         gt=0,
+        le=LONGEST_S,
     )
     at: str = option(
         "end",
@@ -135,7 +143,11 @@ class InFlightOptions(Group):
         "end|start|S",
     )
     lift_off: float | None = option(
-        None, "lift-off, in s from the log's start (default: the first time above 2 g)", "S"
+        None,
+        "lift-off, in s from the log's start (default: the first time above 2 g)",
+        "S",
+        ge=-LONGEST_S,
+        le=LONGEST_S,
     )
     f_set: float = option(12.0, "gate: calm below this specific force, m/s^2", "M/S^2", gt=0)
     df_set: float = option(
@@ -164,8 +176,8 @@ class InFlightOptions(Group):
     )
     bias_time: float | None = option(
         None,
-        "correlation time, s, of biases and scale factors that wander by all of their sigma"
-        " (first-order Markov), in place of the grade's, which wander by a part of it",
+        "correlation time, s, of biases and scale factors as first-order Markov processes of their"
+        " full sigma, in place of the grade's, of which only a part wanders",
         "S",
         gt=0,
     )
@@ -182,7 +194,10 @@ class InFlightOptions(Group):
         None, "range of the gyro, deg/s; alignment starts after it was last exceeded", "DEG/S", gt=0
     )
     accel_range: float | None = option(
-        None, "range of the accelerometer, m/s^2, used likewise", "M/S^2", gt=0
+        None,
+        "range of the accelerometer, m/s^2; alignment starts after it was last exceeded",
+        "M/S^2",
+        gt=0,
     )
 
     def check(self) -> None:

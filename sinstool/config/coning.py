@@ -7,12 +7,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator
 
 from sinstool.config.logs import IMU_INPUT
+from sinstool.config.unused import listed
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.options import Group, option
-from sinstool.methods.coning.registry import algorithm, names
+from sinstool.methods.coning.registry import algorithm, names, options_of
 
 DEFAULT_CONING = "previous-3"
-# What `compare-coning` takes; of [coning] what says which coning is motion
+# Options of `compare-coning`; those of [coning] tell motion from noise
 COMPARISON_OPTIONS = (
     "comparison",
     "coning.passband",
@@ -32,7 +33,7 @@ def _exists(name: str) -> str:
 
 
 class ConingOptions(Group):
-    """From angular rate to rotation vectors."""
+    """The algorithm that makes rotation vectors of gyro samples, and its options."""
 
     title = "Coning"
 
@@ -94,18 +95,25 @@ def _require_passband(coning: ConingOptions) -> None:
 
 
 def check_coning(group: ConingOptions) -> None:
-    """Check that the options belong to the chosen algorithm and fit each other."""
+    """Check that the options belong to the chosen algorithm and fit each other.
+
+    Raises
+    ------
+    ConfigurationError
+        An option has no effect with the algorithm, or a value is impossible.
+    """
+    _refuse_without_effect(group)
     options = group.algorithm_options()
     if group.coning == "gyro-tuned":
-        # The interval is the log's; any will do to see whether the rest is possible.
+        # The log's interval is not known yet; any one shows whether the rest is possible.
         top = max(group.passband or 0.0, group.stopband or 0.0)
         algorithm(group.coning, **options, interval=0.25 / top if top else 1e-3)
     elif group.coning == "singular-perturbation" and group.sp_preset == "auto":
-        strange = sorted(set(options) - {"preset", "passband", "variant"})
+        strange = set(options) - {"preset", "passband", "variant"}
         if strange or group.sp_variant not in (None, "truncated"):
             raise ConfigurationError(
                 "--sp-preset auto chooses the variant, epsilon and n itself",
-                "leave the other options of singular-perturbation out",
+                "leave out the other options of singular-perturbation",
             )
         _require_passband(group)
     elif options:
@@ -115,6 +123,24 @@ def check_coning(group: ConingOptions) -> None:
             raise ConfigurationError(
                 f"--coning is {group.coning}: {exc.message}", exc.hint
             ) from exc
+
+
+def _refuse_without_effect(group: ConingOptions) -> None:
+    taken = {"coning", *options_of(group.coning)}
+    if group.sp_preset == "auto":
+        taken.add("passband")
+    chosen = [name for name in type(group).model_fields if getattr(group, name) is not None]
+    strange = [name for name in chosen if name.removeprefix("sp_") not in taken]
+    if strange:
+        flags = listed([f"--{name.replace('_', '-')}" for name in strange])
+        users = ("singular-perturbation", "gyro-tuned")
+        own = [
+            u for u in users if {name.removeprefix("sp_") for name in strange} & set(options_of(u))
+        ]
+        raise ConfigurationError(
+            f"{flags} no effect with --coning {group.coning}",
+            f"leave out what is not needed, or choose --coning {' or '.join(own)}",
+        )
 
 
 class ComparisonOptions(Group):
@@ -149,9 +175,9 @@ class ComparisonOptions(Group):
     )
     tolerance: float = option(
         0.01,
-        "drift that does not matter, deg/h",
+        "drift that is too small to matter, deg/h",
         "DEG/H",
-        brief="drift that does not matter, deg/h",
+        brief="drift that is too small to matter, deg/h",
         ge=0,
     )
     truth: str | None = option(
@@ -162,7 +188,9 @@ class ComparisonOptions(Group):
         brief="true attitude, used as the reference",
     )
     phase: Literal["consistent", "literal"] = option(
-        "consistent", "with --paper: how its eq. (20) is read"
+        "consistent",
+        "with --paper: eq. (20) of the paper as its motion requires (consistent), or as printed"
+        " (literal)",
     )
 
     @field_validator("algorithms")

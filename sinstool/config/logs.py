@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal, InvalidOperation, Overflow
 from typing import Any, Literal
 
 from pydantic import field_validator
@@ -14,7 +14,7 @@ from sinstool.core.suggest import nearest
 EMITS = (
     "imu", "attitude", "euler", "odometry", "pose", "fix", "tf", "height", "vehicle", "diagnostics"
 )  # fmt: skip
-# Options of [input] by the data that a command reads: the IMU, GNSS, a turntable's rig
+# Options of [input] by the data that a command reads: an IMU, GNSS, or a rig on a turntable
 IMU_INPUT = (
     "input.imu_topic",
     "input.start",
@@ -51,8 +51,9 @@ def parse_time(text: str, first_ns: int) -> int:
     Parameters
     ----------
     text : str
-        Seconds from the first sample (``12.5``), an RFC 3339 date (``2024-05-01T10:00:00Z``), or
-        nanoseconds on the log's clock (an integer of more than 12 digits, or with ``ns``).
+        Seconds from the first sample (``12.5``), an RFC 3339 date (``2024-05-01T10:00:00Z``, UTC
+        where it has no offset), or nanoseconds on the log's clock (an integer of more than 12
+        digits, or with ``ns``).
     first_ns : int
         Time of the first sample.
 
@@ -64,7 +65,7 @@ def parse_time(text: str, first_ns: int) -> int:
     Raises
     ------
     ValueError
-        The text is none of these.
+        The text is none of these, or a time that does not fit an int64.
     """
     text = text.strip()
     digits = text.removesuffix("ns").strip()
@@ -74,6 +75,8 @@ def parse_time(text: str, first_ns: int) -> int:
         seconds = Decimal(text)
         if seconds.is_finite():
             return _in_range(first_ns + int(seconds * 1_000_000_000), text)
+    except Overflow:
+        raise _out_of_range(text) from None
     except InvalidOperation:
         pass
     try:
@@ -90,8 +93,12 @@ def parse_time(text: str, first_ns: int) -> int:
 
 def _in_range(time_ns: int, text: str) -> int:
     if not -(2**63) <= time_ns < 2**63:
-        raise ValueError(f"'{text}' is no time that a log can hold")
+        raise _out_of_range(text)
     return time_ns
+
+
+def _out_of_range(text: str) -> ValueError:
+    return ValueError(f"'{text}' is a time that no log can hold")
 
 
 class InputOptions(Group):
@@ -140,10 +147,11 @@ class InputOptions(Group):
     )
     gnss_clock_offset: float = option(
         0.0,
-        "how far the receiver's clock is ahead of the IMU's, in s: its stamps are read as so much"
-        " earlier (GPS time is 18 s ahead of UTC)",
+        "how far the receiver's clock is ahead of the IMU's, in s; subtracted from its stamps (GPS"
+        " time is 18 s ahead of UTC)",
         "S",
-        allow_inf_nan=False,
+        ge=-1e9,
+        le=1e9,
     )
     encoder_topic: str | None = option(
         None, "topic with JointState messages from the turntable's encoder", "TOPIC"
@@ -183,9 +191,9 @@ class InputOptions(Group):
     )
     imu_stamps: Literal["auto", "even", "kept"] = option(
         "auto",
-        "times of the samples: at the stamps (kept), or evenly spaced along them (even), as a"
-        " sensor takes samples that the computer stamps on receipt; auto: even where stamps jitter"
-        " and the rates do not follow them",
+        "times of the samples: their stamps (kept), or evenly spaced times fitted to the stamps"
+        " (even), for a sensor that samples evenly and is stamped by the computer on receipt; auto:"
+        " even where stamps jitter and the rates do not follow them",
     )
     max_gap: float | None = option(
         None,

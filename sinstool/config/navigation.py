@@ -68,7 +68,7 @@ class NavigationOptions(Group):
         "noise file of this IMU, as sinstool allan writes it, in place of a grade's noise; the"
         " grade still says what no rest shows, such as scale factors",
         "FILE",
-        brief="noise file of sinstool allan, for a grade's noise",
+        brief="noise file from sinstool allan, in place of a grade's",
     )
     attitude_order: Literal["exact", "1", "2", "3", "4"] = option(
         "exact", "quaternion update of --mode ins: exact, or Picard's approximation of this order"
@@ -95,7 +95,8 @@ class HeightOptions(Group):
     )
     height_preset: Literal["recommended", "paper"] = option(
         "recommended",
-        "recommended: tau = 5, 30 or 100 s by --imu-grade, K4 = 0; paper: tau = 2.4 s, K4 = 0.5",
+        "recommended: tau = 5 s (consumer, mems), 10 s (industrial), 30 s (tactical) or 100 s"
+        " (navigation) by --imu-grade, K4 = 0; paper: tau = 2.4 s, K4 = 0.5 s",
     )
     tau: float | None = option(
         None, "time constant of the network in s, in place of the preset's", "S", gt=0, le=3000
@@ -217,9 +218,10 @@ class FilterOptions(Group):
     sigma_misalignment: float | None = option(
         None,
         "misalignment of the gyros and of the accelerometers in mrad, 1 sigma of each of the six"
-        " angles of either, in place of the grade's; 0: the axes are exact",
+        " angles of each triad, in place of the grade's; 0: the axes are exact",
         "MRAD",
         ge=0,
+        le=1e3,
     )
     baro_sigma: float | None = option(
         None, "slowly varying error of the barometer in m, 1 sigma (default: 10)", "M", gt=0

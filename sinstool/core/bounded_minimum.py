@@ -17,15 +17,21 @@ MOST = 500  # evaluations
 def bounded_minimum(
     function: Callable[[float], float], low: float, high: float, tolerance: float
 ) -> tuple[float, float]:
-    """Where a function is least, and its value there.
+    """Where a function of one variable is least, and its value there.
 
     Parameters
     ----------
     function : callable
-        With one minimum between the bounds.
+        Has one minimum between the bounds.
     low, high : float
+        Bounds of the variable.
     tolerance : float
-        Of the place.
+        Absolute tolerance of the variable.
+
+    Returns
+    -------
+    x, value : float
+        The best point found in at most 500 evaluations, and the function there.
 
     References
     ----------

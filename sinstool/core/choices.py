@@ -17,15 +17,16 @@ def log_choice(what: str, why: str) -> None:
     Parameters
     ----------
     what : str
-        A word or two: ``mode``, ``Imu topic``.
+        What is chosen, in a word or two: ``mode``, ``Imu topic``. ``log`` begins the choices for
+        another log.
     why : str
-        The choice and its reason, in a line. ``log`` begins what is said of another log.
+        The choice and its reason, in one line.
     """
     LOGGER.info("%s: %s", what, why)
 
 
 def choices_are_shown() -> bool:
-    """Whether anybody listens."""
+    """Whether choices are being printed or recorded."""
     return LOGGER.isEnabledFor(logging.INFO)
 
 
@@ -50,12 +51,12 @@ def record_choices(enabled: bool) -> Iterator[list[str]]:
     Parameters
     ----------
     enabled : bool
-        Else nothing is recorded.
+        Whether to record at all.
 
     Yields
     ------
     list of str
-        Grows.
+        The choices so far; it grows while they are made.
     """
     if not enabled:
         yield []
@@ -76,7 +77,7 @@ def replay(name: str, choices: Sequence[str]) -> None:
     Parameters
     ----------
     name : str
-        Of the log, where the choices do not begin with it.
+        Name of the log, for choices that do not begin with it.
     """
     if choices and not choices[0].startswith(f"{_LOG}: "):
         log_choice(_LOG, name)

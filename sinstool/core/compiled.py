@@ -1,12 +1,12 @@
 """numba's cache of compiled loops, for those that are run by numba.
 
-Before numba looks into its cache it loads all that it knows of Python and NumPy, and `scipy.linalg`
-with it: that takes longer than most logs. Machine code out of the cache needs none of it but the
-runtime that counts references to arrays. A loop that has to be compiled after all makes numba's
-compiler load the rest by itself, at any time.
+Before numba looks into its cache, it loads its implementations of Python and NumPy, and
+`scipy.linalg` with them, which takes longer than most logs. Machine code from the cache needs only
+the runtime that counts references to arrays, and only that is loaded here. If a loop has to be
+compiled after all, numba's compiler loads the rest by itself.
 
-numba refuses to import a loop that it has no folder to keep in, and ends where the folder is full
-or holds a damaged file. Here such loops are compiled for one run, and a warning says so once.
+numba raises an error if it has no folder for a loop's cache, or if the folder is full or holds a
+damaged file. Here such loops are compiled for one run, and a warning says so once.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def _is_ours(function: Any) -> bool:
 
 @cache
 def set_up_cache() -> None:
-    """Set the folder of this package's compiled loops; others use numba's default."""
+    """Replace numba's cache files for this package's loops; other packages keep numba's own."""
     theirs_load, theirs_save = FunctionCache.load_overload, FunctionCache.save_overload
 
     def set_files(self: Any) -> None:
@@ -56,7 +56,7 @@ def set_up_cache() -> None:
         try:
             with self._guard_against_spurious_io_errors():
                 loaded = self._load_overload(signature, target)
-        except Exception:  # a file of the cache that is cut short raises whatever pickle comes upon
+        except Exception:  # with a damaged file pickle may raise anything
             with suppress(OSError):
                 self.flush()
         if loaded is None:
@@ -71,10 +71,10 @@ def set_up_cache() -> None:
         set_files(self)
         try:
             theirs_save(self, signature, data)
-        except Exception as exc:  # of numba or the disk: the loop is compiled already
+        except Exception as exc:  # from numba or the disk; the loop is compiled and can run
             warn_uncached(getattr(exc, "strerror", None) or type(exc).__name__)
 
-    # Not of numba's public interface: another numba may do without them
+    # Not numba's public interface: other versions may lack these methods
     ours = ("_guard_against_spurious_io_errors", "_load_overload", "save_overload", "flush")
     if all(hasattr(FunctionCache, name) for name in ours):
         FunctionCache.load_overload = load_overload  # type: ignore[method-assign]
@@ -85,7 +85,7 @@ def set_up_cache() -> None:
 
 
 def _last_resort() -> Any:
-    """Locator of last resort for a loop's cache: beside its source, where it may be read-only."""
+    """Locator of last resort for a loop's cache: beside its source, even if that is read-only."""
 
     class BesideTheSource(caching.InTreeCacheLocator):
         @classmethod

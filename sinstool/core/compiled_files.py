@@ -1,10 +1,10 @@
-"""Files of compiled loops, one for each loop and its types of arguments.
+"""Files of compiled loops, one for each loop and combination of argument types.
 
-numba keeps an index beside them, and numbers the files: processes that compile at the same time
-give out the same number twice, and then machine code for other types is run; a process that is
-killed between index and file leaves an index that names code of an earlier source. Here a file's
-name follows from all that its code depends on, which stands in the file too, and a file appears
-whole or not at all.
+numba numbers its files and keeps an index of them. Processes that compile at the same time may use
+the same number twice, so that machine code for other types is run; and a process that is killed
+between writing index and file leaves an index that names code of an earlier source. Here the name
+of a file is a hash of all that its code depends on, the file also contains these values, and it
+appears whole or not at all.
 """
 
 from __future__ import annotations
@@ -30,12 +30,14 @@ class CompiledFiles:
 
     Parameters
     ----------
+    folder : str
+        Where the files are.
     base : str
-        Of all file names of the loop.
+        Beginning of the names of all files of the loop.
     stamp : object
-        Of the loop's source; what bears another is out of date.
+        State of the loop's source; files with a different stamp are out of date.
     dumps : callable, optional
-        Makes bytes of what is stored.
+        Serialises what is stored.
     """
 
     def __init__(
@@ -52,7 +54,7 @@ class CompiledFiles:
         Raises
         ------
         OSError
-            The folder or the disk does not allow it.
+            If the file cannot be written.
         """
         path = self._path(key)
         body = self.dumps((self.stamp, key, data))
@@ -70,12 +72,12 @@ class CompiledFiles:
                 self._remove(name)
 
     def load(self, key: Any) -> Any:
-        """The code for a key; None where there is none.
+        """The code for a key; None if there is none.
 
         Raises
         ------
         Exception
-            The file is damaged; LLVM would end the program where its code is.
+            If the file is damaged. Damaged machine code must not reach LLVM, which would abort.
         """
         try:
             whole = self._path(key).read_bytes()
@@ -103,7 +105,7 @@ class CompiledFiles:
 
 
 def base_name(function: Any) -> str:
-    """Start of the names of a function's files, as numba has it."""
+    """Beginning of the names of a function's files, formed as numba forms it."""
     module = os.path.splitext(os.path.basename(function.__code__.co_filename))[0]
     name = function.__qualname__.replace("<", "").replace(">", "")
     version = "{}{}".format(*sys.version_info)
@@ -112,20 +114,20 @@ def base_name(function: Any) -> str:
 
 @cache
 def folder_of(file: str) -> str | None:
-    """Folder for what is compiled from a source file: the first that can be written.
+    """Folder for the compiled loops of a source file: the first that can be written to.
 
-    It is one in the folder that NUMBA_CACHE_DIR names, or else `__pycache__` beside the file or one
-    in the user's folder for caches. Where none can be written, `__pycache__` may still be read.
+    The candidates are a folder in NUMBA_CACHE_DIR, if that is set, `__pycache__` beside the file,
+    and a folder in the user's cache. If none can be written to, `__pycache__` is still read.
 
     Parameters
     ----------
     file : str
-        A path.
+        Path of the source.
 
     Returns
     -------
     str or None
-        Where the source is no file, None.
+        None if the source is not a file.
     """
     if not os.path.exists(file):
         return None
@@ -145,7 +147,7 @@ def folder_of(file: str) -> str | None:
 
 @cache
 def warn_uncached(reason: str) -> None:
-    """Say once how compiled loops can be kept."""
+    """Warn once that compiled loops cannot be cached, and say what to do."""
     warnings.warn(
         f"compiled code cannot be cached ({reason}), so every run compiles it again: set the"
         " environment variable NUMBA_CACHE_DIR to a writable folder with free space",

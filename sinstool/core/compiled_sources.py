@@ -1,8 +1,8 @@
 """What the machine code of a compiled loop depends on: all functions and constants it is made of.
 
-numba looks at the file of the loop alone. What a loop calls is compiled into it, and so are
-constants, wherever they are defined: with those of an earlier source a loop would go on computing
-what nobody can read any more.
+numba checks only the file of the loop itself. But the functions that a loop calls, and constants,
+are compiled into it wherever they are defined: after a change of those, a cached loop would still
+run the old code.
 """
 
 from __future__ import annotations
@@ -18,17 +18,18 @@ _CONSTANTS = (bool, int, float, complex, str, bytes, type(None))
 
 
 def stamp(function: Any) -> tuple[Any, ...]:
-    """Of a loop's sources: equal where all of them are, and in every process.
+    """State of a loop's sources: equal in every process as long as none of them changes.
 
     Parameters
     ----------
     function : function
-        As Python has it. What it calls is looked up now, so its modules have to be loaded.
+        The Python function. The functions that it calls are looked up now, so their modules must be
+        loaded.
 
     Returns
     -------
     tuple
-        Files with their times and sizes, and constants with their values.
+        Names, times and sizes of files, and names and values of constants.
     """
     files: set[str] = set()
     values: set[tuple[str, str]] = set()
@@ -49,7 +50,7 @@ def stamp(function: Any) -> tuple[Any, ...]:
 
 
 def _named(function: Any) -> Iterator[tuple[str, Any]]:
-    """Modules of the package, compiled functions and constants that a function names."""
+    """Modules of this package, its compiled functions, and constants that a function uses."""
     names = set(_names(function.__code__))
     places = [function.__globals__]
     for name in sorted(names & set(function.__globals__)):
@@ -73,7 +74,7 @@ def _is_constant(value: Any) -> bool:
 
 
 def _names(code: CodeType) -> Iterator[str]:
-    """Of globals and attributes, those of functions within included."""
+    """Names of globals and attributes in code, nested functions included."""
     yield from code.co_names
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -86,7 +87,7 @@ def _is_ours(module: str) -> bool:
 
 @cache
 def _state(file: str) -> tuple[int, int]:
-    """Time of the last change, ns, and size of a file; of what is none, such as a cell, zeros."""
+    """Time of the last change, ns, and size of a file; zeros for code outside files."""
     try:
         status = os.stat(file)
     except OSError:

@@ -1,4 +1,4 @@
-"""Whether loops are being compiled, for whoever shows progress, without importing numba."""
+"""Whether loops are being compiled, for progress bars, without importing numba."""
 
 from __future__ import annotations
 

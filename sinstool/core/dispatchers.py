@@ -1,14 +1,14 @@
-"""What numba has for compiled functions: kernels that Python calls, and parts they are made of.
+"""numba's dispatchers of compiled functions: kernels, which Python calls, and their parts.
 
-numba makes a library of each compiled function: it optimises it together with all that it calls,
-makes machine code of it, and ways in for Python and C. Of what only compiled code calls none of
-that is needed, as whatever calls it is optimised together with it again: a function that lies five
-calls deep is optimised six times, and machine code is made of it as often.
+numba makes a library of each compiled function: it optimises the function together with all that it
+calls, and makes machine code of it with entries for Python and C. A function that only compiled
+code calls needs none of this, because it is optimised again together with each caller: one that is
+five calls deep is optimised six times, and as often turned into machine code.
 
-A part is compiled into whatever calls it, and kept with that; it has no machine code of its own.
-A kernel has one way in, that of :mod:`~sinstool.core.machine_code`. Called from Python, as tests
-do, a part is compiled once more as a kernel. :mod:`~sinstool.core.kernel_compiler` says what of
-numba's compiler both do without.
+A part is compiled into its callers only, and cached with them; it has no machine code of its own.
+A kernel has one entry, that of :mod:`~sinstool.core.machine_code`. A part that Python calls, as
+tests do, is compiled once more as a kernel. :mod:`~sinstool.core.kernel_compiler` describes which
+steps of numba's compiler are left out for both.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from sinstool.core.compiled import set_up_cache
 from sinstool.core.kernel_typing import is_ours, turn
 from sinstool.core.machine_code import Code, Entry, keep
 
-# Versions of numba whose insides are as this module and the compiler of kernels have them.
+# Versions of numba whose internals this module and the compiler of kernels know
 INSIDES = {(0, 68)}
 
 _Library = codegen.CPUCodeLibrary
 
 
 class _Kernel(registry.CPUDispatcher):
-    """A kernel whose way in is numba's: the functions that it calls are compiled as parts of it."""
+    """A kernel that numba's own entry calls; the functions that it calls are compiled as parts."""
 
     vectorizes = True
 
@@ -45,7 +45,7 @@ class _Kernel(registry.CPUDispatcher):
 
 
 class _Part(registry.CPUDispatcher):
-    """Compiles for compiled code, and has a kernel compile for Python."""
+    """Compiles a function for compiled callers; for Python it compiles a kernel of it."""
 
     vectorizes = True
 
@@ -60,14 +60,14 @@ class _Part(registry.CPUDispatcher):
         return made
 
     def add_overload(self, compiled: Any) -> None:
-        # Not where calls from Python look, which would find no way in
+        # Not to where calls from Python look: the code has no entry for them
         self.overloads[tuple(compiled.signature.args)] = compiled
 
     def _compile_for_args(self, *args: Any, **keywords: Any) -> Any:
         return self._for_python._compile_for_args(*args, **keywords)
 
     def with_way_in(self, signature: Any) -> Any:
-        """Compile the function as a kernel with the way in of machine code."""
+        """Compile the function as a kernel with the entry of :mod:`~sinstool.core.machine_code`."""
         options = self.targetoptions | {"no_cpython_wrapper": False}
         from sinstool.core.way_in import WayInCompiler
 
@@ -83,7 +83,7 @@ _NO_WAY_IN = _ONE_WAY_IN | {"no_cpython_wrapper": True}
 
 
 def dispatcher(function: Any, options: dict[str, Any]) -> Any:
-    """numba's of a kernel, or of a part."""
+    """The dispatcher of a kernel or of a part."""
     vectorizes = options.get("vectorizes", True)
     options = _OPTIONS | {k: v for k, v in options.items() if k != "vectorizes"}
     if not _supported():
@@ -94,18 +94,18 @@ def dispatcher(function: Any, options: dict[str, Any]) -> Any:
 
 
 def jitted(function: Any, options: dict[str, Any]) -> Any:
-    """numba's of another function."""
+    """The dispatcher of any other function."""
     return njit(**options)(function)
 
 
 def way_in(ours: Any, key: Any, args: tuple[Any, ...]) -> Entry | None:
-    """Compile a function for arguments of these types, and keep its machine code.
+    """Compile a function for arguments of these types, and cache its machine code.
 
     Returns
     -------
     Entry or None
-        None where numba's own way in has to be taken: another version of numba, or a function that
-        raises, allocates or takes or returns what is none of numbers, records and arrays.
+        None if numba's own entry must be used: with another version of numba, or for a function
+        that raises, allocates, or has an argument or a result other than a number, record or array.
     """
     if not isinstance(ours, _Part):
         return None
@@ -132,14 +132,14 @@ def way_in(ours: Any, key: Any, args: tuple[Any, ...]) -> Entry | None:
 
 @contextmanager
 def _ours(vectorizes: bool) -> Iterator[None]:
-    """This thread compiles a kernel."""
+    """Context in which this thread compiles a kernel or its parts."""
     before = is_ours()
     if not before:
         _load_without_scipy()
         turn.values, turn.vectorizes = {}, vectorizes
     turn.ours = True
     collects = gc.isenabled()
-    gc.disable()  # the compiler makes objects by the million, and few circles
+    gc.disable()  # the compiler makes millions of objects, but few reference cycles
     try:
         yield
     finally:
@@ -151,7 +151,7 @@ def _ours(vectorizes: bool) -> Iterator[None]:
 
 @cache
 def _load_without_scipy() -> None:
-    """Load what numba knows of NumPy; SciPy's linear algebra, which it looks for, waits for use."""
+    """Load numba's implementations of NumPy, but not SciPy's linear algebra, until it is used."""
     from numba.np import linalg
 
     theirs = linalg.ensure_blas
@@ -163,7 +163,7 @@ def _load_without_scipy() -> None:
 
 
 class _Plain:
-    """Colours of numba's messages, most of which it makes, while it tries what fits, for nobody."""
+    """No colours in numba's messages: it makes many while it tries types, and drops most."""
 
     def __getattr__(self, name: str) -> Callable[[str], str]:
         return str
@@ -171,7 +171,7 @@ class _Plain:
 
 @cache
 def _compiler() -> Any:
-    """The compiler of kernels; another numba may lack what it is made of, and never gets here."""
+    """The compiler of kernels, imported only with a version of numba that it is made for."""
     from sinstool.core.kernel_compiler import KernelCompiler
 
     return KernelCompiler
@@ -179,10 +179,15 @@ def _compiler() -> Any:
 
 @cache
 def _supported() -> bool:
-    """Have numba leave libraries of parts to the libraries that they become parts of.
+    """Patch numba so that parts are compiled only into their callers.
 
-    Not of its public interface: any other version than those of `INSIDES` does without, and
-    compiles for longer.
+    This changes numba's internals. Versions other than those in `INSIDES` are left as they are, and
+    take longer to compile.
+
+    Returns
+    -------
+    bool
+        Whether numba is patched.
     """
     if version_info.short not in INSIDES or getattr(config, "DISABLE_JIT", False):
         return False
@@ -202,19 +207,19 @@ def _supported() -> bool:
         return cpu._dynfunc.make_function(fndesc.lookup_module(), name, "", 0, env, (library,))
 
     def optimize_functions(self: Any, module: Any) -> None:
-        # What becomes part of others is optimised there; doing so before takes as long again
+        # Parts are optimised within their callers; doing it here too would take as long again
         if not is_ours():
             theirs_optimize(self, module)
         module.data_layout = self._codegen._data_layout
 
     def optimize_final_module(self: Any) -> None:
-        # numba's first round is for counts of references, of which there are none
+        # numba's first round serves reference counts, which kernels do not have
         if not is_ours():
             theirs_optimize_final(self)
             return
         passes, builder = self._codegen._module_pass_manager()
         passes.run(self._final_module, builder)
-        # Machine code of several kernels is kept together, and names of parts are not unique
+        # One engine holds several kernels, and the names of their parts are not unique
         for each in self._final_module.functions:
             if each.linkage is Linkage.linkonce_odr:
                 each.linkage = Linkage.internal
@@ -240,12 +245,12 @@ def _supported() -> bool:
 
 
 def _without_way_in(library: Any, fndesc: Any) -> bool:
-    """Whether a library of a kernel's can only be called by other compiled code."""
+    """Whether only compiled code can call a library made while compiling a kernel."""
     if library._finalized or not is_ours():
         return False
     ways_in = {fndesc.llvm_cpython_wrapper_name, fndesc.llvm_cfunc_wrapper_name}
     module = library._final_module
-    # What calls itself is found by its address
+    # A recursive function is called by its address and needs a library of its own
     return not any(f.name in ways_in for f in module.functions) and not any(
         g.name.startswith(codegen.RuntimeLinker.PREFIX) for g in module.global_variables
     )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-# What to do about a damaged log; the command line puts its own words in place of the first ones.
+# What to do about a damaged log; the command line replaces AGAIN by the whole command to run
 AGAIN = "run again with --salvage"
 SALVAGE_HINT = f"{AGAIN} to use the undamaged parts"
 
@@ -21,15 +21,15 @@ def one_line(text: str) -> str:
     Returns
     -------
     str
-        Line ends are spaces, other control characters the sign for what cannot be shown.
+        Line ends become spaces, other control characters U+FFFD.
     """
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else " " if c.isspace() else "\ufffd" for c in text)
 
 
-# Control characters but tab and line feed, marks that turn the direction of text, and the halves of
-# characters that Python makes of file names that are not UTF-8
+# Control characters except tab and line feed, marks that change the direction of text, and the
+# lone surrogates that Python makes of file names that are not UTF-8
 _INVISIBLE = re.compile(
     "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
 )
@@ -41,7 +41,7 @@ def visible(text: str) -> str:
     Returns
     -------
     str
-        Each such character is the sign for what cannot be shown.
+        Each such character becomes U+FFFD.
     """
     return _INVISIBLE.sub("\ufffd", text)
 
@@ -52,7 +52,7 @@ class SinstoolError(Exception):
     Parameters
     ----------
     message : str
-        What was wrong and where, without a full stop's worth of padding.
+        What was wrong and where, in one line without a full stop.
     hint : str, optional
         What to do about it; printed after the message.
     """
@@ -86,7 +86,7 @@ class LogError(SinstoolError):
     hint : str, optional
         What to do.
     offset : int, optional
-        Byte offset in the file at which it was found.
+        Byte offset in the file at which the problem was found.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class LogError(SinstoolError):
 
 
 class NotALogError(LogError):
-    """The file is missing, empty or of no format that sinstool reads."""
+    """The file is missing, empty, or not in a format that sinstool reads."""
 
 
 class DamagedLogError(LogError):
@@ -106,7 +106,7 @@ class DamagedLogError(LogError):
 
 
 class UnsupportedLogError(LogError):
-    """The log is whole but uses an encoding, compression or version we do not read."""
+    """The log is whole but uses an encoding, compression or version that sinstool does not read."""
 
 
 class TopicError(LogError):
@@ -123,9 +123,10 @@ class AlignmentError(SinstoolError):
     Parameters
     ----------
     uncertain : bool, optional
-        There is an attitude, but it is not known well enough.
+        Whether an attitude was found that is too uncertain to use.
     consistent : bool, optional
-        And it agrees with the data: no other latency, lever arm or unit is called for.
+        Whether that attitude agrees with the data, so that a wrong latency, lever arm or unit is
+        not the cause.
     """
 
     def __init__(

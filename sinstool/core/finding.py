@@ -13,7 +13,7 @@ from typing import Any
 
 
 class Severity(IntEnum):
-    """How grave a finding is."""
+    """How serious a finding is."""
 
     NOTE = 0
     """Worth knowing; nothing is wrong."""
@@ -37,17 +37,17 @@ class Finding:
     kind : str
         Short name, stable, for programs and for grouping over many logs.
     text : str
-        What is so.
+        What was found.
     severity : Severity
-        What follows from it.
+        How serious it is.
     answer : str
-        What to do, with the option that does it; '' where nothing needs doing.
+        What to do, with the option that does it; '' if nothing needs doing.
     topic : str
-        What it is about; '' for the log as a whole.
+        The topic concerned; '' for the log as a whole.
     start_ns, end_ns : int or None
-        The span of time it is about; None for all of it.
+        The span of time concerned; None for the whole log.
     numbers : mapping of str to float
-        What was measured, by a name with its unit.
+        Measured values, by names that contain their units.
     """
 
     kind: str
@@ -63,7 +63,7 @@ class Finding:
         return f"{self.text}: {self.answer}" if self.answer else self.text
 
     def to_json(self) -> dict[str, Any]:
-        """Its values; times as strings, as in all of our JSON."""
+        """The values as JSON: times are strings, as everywhere in sinstool's JSON."""
         span = {"start_ns": self.start_ns, "end_ns": self.end_ns}
         return {
             "kind": self.kind,
@@ -77,5 +77,5 @@ class Finding:
 
 
 def exit_status(findings: Iterable[Finding]) -> int:
-    """Status that a command ends with: 0 done, 3 something lost or withheld, 1 failed."""
+    """Exit status of a command: 0 done, 3 something lost or withheld, 1 failed."""
     return _EXIT[max((f.severity for f in findings), default=Severity.NOTE)]

@@ -1,8 +1,9 @@
-"""How numba finds the types in kernels: what it has found is not asked again.
+"""Faster type inference for kernels: types that numba has found once are not inferred again.
 
-numba goes over all statements of a function until no type changes, twice at least, and looks up
-each operation and attribute each time. In a kernel only what one variable takes over from another
-can change after the first time: where a loop begins, a variable has what the loop leaves in it.
+numba goes over all statements of a function until no type changes, at least twice, and looks up
+every operation and attribute each time. In a kernel only assignments from one variable to another
+can change a type after the first round, because a variable at the beginning of a loop takes the
+type that it has at the end of the loop.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numba.core.errors import TypingError
 
 __all__ = ["is_ours", "set_up", "turn"]
 
-# Of a thread: whether it compiles a kernel, what functions it has met, and how the kernel is made
+# State of each thread: whether it compiles a kernel, the functions it has met, and the options
 turn = local()
 
 _PLAIN = (types.Number, types.Boolean, types.Array, types.BaseTuple, types.Record)
@@ -30,7 +31,7 @@ def is_ours() -> bool:
 
 
 def set_up() -> None:
-    """Have numba do so; other functions than kernels and parts are left alone."""
+    """Patch numba accordingly; functions that are not kernels or parts are not affected."""
     typing.Context.resolve_value_type = _value_type(  # type: ignore[method-assign]
         typing.Context.resolve_value_type
     )
@@ -89,7 +90,7 @@ def _propagate(theirs: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _settled(inferer: Any) -> bool:
-    """Whether types do not change any more after all statements have been looked at once."""
+    """Whether no type changes any more after one round over all statements."""
     constraints = inferer.constraints.constraints
     try:
         for each in constraints:
@@ -98,7 +99,7 @@ def _settled(inferer: Any) -> bool:
         for each in constraints:
             if type(each) is typeinfer.Propagate:
                 each(inferer)
-    except TypingError:  # often for want of what comes later
+    except TypingError:  # often because a type that is needed is found only later
         return False
     return inferer.get_state_token() == before and all(
         each.defined and not isinstance(each.type, types.RecursiveCall)
@@ -107,7 +108,7 @@ def _settled(inferer: Any) -> bool:
 
 
 def _rewriting_of_blocks(theirs: Callable[..., Any]) -> Callable[..., Any]:
-    """One variable after the other is renamed: blocks that do not name it stay as they are."""
+    """Renaming of variables, one at a time: blocks that do not name the variable are skipped."""
 
     def run_block_rewrite(blocks: Any, states: Any, handler: Any) -> Any:
         if not is_ours():
@@ -127,7 +128,7 @@ def _rewriting_of_blocks(theirs: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def _without_with(theirs: Callable[..., Any]) -> Callable[..., Any]:
-    """Kernels have no `with`."""
+    """Skip the search for `with` statements, which kernels do not have."""
 
     def peep_hole_delete_with_exit(func_ir: Any) -> Any:
         return func_ir if is_ours() else theirs(func_ir)
@@ -139,7 +140,7 @@ def _size(theirs: Callable[..., Any]) -> Callable[..., Any]:
     sizes: dict[tuple[int, str], int] = {}
 
     def get_abi_sizeof(self: Any, ty: Any) -> int:
-        key = (id(self), str(ty))  # LLVM is asked by way of a module made for the purpose
+        key = (id(self), str(ty))  # numba makes a module of LLVM for each question
         if key not in sizes:
             sizes[key] = theirs(self, ty)
         return sizes[key]

@@ -1,9 +1,9 @@
-"""Machine code of kernels, kept in files and run without numba.
+"""Machine code of kernels, cached in files and run without numba.
 
-A kernel has one way in: a function that takes the address of a block of words of 64 bits, the
-arguments one after the other, and leaves there what is returned. For an array the words are its
-address, its shape and its strides in bytes, for a record its address, for a number its value.
-LLVM loads the code, which needs nothing but the functions of C's library.
+A kernel has one entry: a function that takes the address of a block of 64-bit words with the
+arguments in order, and writes its results to the beginning of the block. An array is passed as its
+address, shape and strides in bytes, a record as its address, a number as its value. LLVM loads the
+code, which calls only functions of the C library.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ import numpy as np
 from sinstool.core.compiled_files import CompiledFiles, base_name, folder_of, warn_uncached
 from sinstool.core.compiled_sources import stamp
 
-# What LLVM makes calls of, and every C library has
+# Functions that LLVM makes calls of and that every C library has
 _OF_C = {
     "acos", "asin", "atan", "atan2", "cbrt", "ceil", "copysign", "cos", "cosh", "erf", "erfc",
     "exp", "exp2", "expm1", "fabs", "floor", "fma", "fmod", "hypot", "ldexp", "lgamma", "log",
     "log10", "log1p", "log2", "memcpy", "memmove", "memset", "nearbyint", "pow", "rint", "round",
     "sin", "sinh", "sqrt", "tan", "tanh", "tgamma", "trunc",
 }  # fmt: skip
-# Of what is kept, which changes with what is read of it
+# Version of the layout of the cached files
 _FORM = 2
-# What numba and LLVM make code for, if not for the machine that they run on
+# Variables that change the code that numba and LLVM make
 _VARIABLES = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_OPT", "NUMBA_BOUNDSCHECK")
 _NUMBERS = {float: ("float64", "d"), int: ("int64", "q"), bool: ("bool", "q")}
 _LETTERS = {"f": "d", "i": "q", "u": "Q", "b": "q"}
@@ -42,27 +42,27 @@ _OFF = os.environ.get("NUMBA_DISABLE_JIT", "0") != "0"
 
 
 class Code(NamedTuple):
-    """Machine code as it is kept."""
+    """Machine code as it is cached."""
 
-    object: bytes  # A file of the system's format for code that is not linked yet
-    name: str  # Of the way in
-    returns: str  # A letter of `struct` for each number that is returned, "?" for a Boolean
-    is_tuple: bool  # They are returned as a tuple
+    object: bytes  # An object file of the system, not linked yet
+    name: str  # Name of the entry
+    returns: str  # A letter of `struct` for each returned number, "?" for a Boolean
+    is_tuple: bool  # Whether the results are returned as a tuple
     needs: tuple[str, ...]  # Functions that it calls
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A way into machine code.
+    """An entry to machine code.
 
     Parameters
     ----------
     address : int
-        Of the way in.
+        Address of the entry.
     returns, is_tuple
         As in :class:`Code`.
     holds : object
-        What has to live as long.
+        Owner of the code, which must live as long as the entry.
     """
 
     address: int
@@ -71,7 +71,7 @@ class Entry:
     holds: Any
 
     def __post_init__(self) -> None:
-        # Which lets other threads of Python run meanwhile
+        # Calls through ctypes release the interpreter lock, so that other threads can run
         call = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p)(self.address)
         object.__setattr__(self, "_call", call)
 
@@ -81,7 +81,7 @@ class Entry:
         Raises
         ------
         RuntimeError
-            The code says that something went wrong, which that of a kernel never does.
+            If the code reports an error; that of a kernel never does.
         """
         letters, values = words
         block = ctypes.create_string_buffer(8 * max(len(letters), len(self.returns), 1))
@@ -106,10 +106,11 @@ def _read_address(array: np.ndarray) -> int:
 
 
 def _way_to_addresses() -> Callable[[np.ndarray], int]:
-    """How to find out where an array's first element lies.
+    """The fastest function that returns the address of an array's first element.
 
-    NumPy's answer describes all of the array, and with the twenty arguments of a kernel that takes
-    longer than many a call. It keeps the address behind what every object of CPython begins with.
+    NumPy's own answer describes the whole array; for the twenty arguments of a kernel it takes
+    longer than many calls. CPython's objects of NumPy hold the address right behind the fields that
+    all objects have; it is read there if a test with three arrays succeeds.
     """
     if sys.implementation.name == "cpython":
         parts = np.arange(6.0).reshape(2, 3), np.zeros(3, np.uint8)[1:], np.empty(0)
@@ -161,9 +162,14 @@ def described(args: Sequence[Any]) -> tuple[Any, tuple[str, list[Any]]]:
 
 
 def load(function: Any, key: Any) -> tuple[bool, Entry | None]:
-    """Whether something is kept of a function for types of arguments, and the way into it.
+    """Load the cached code of a function for types of arguments.
 
-    What is kept without a way in has to be run by numba.
+    Returns
+    -------
+    is_kept : bool
+        Whether the cache knows the function with these types.
+    entry : Entry or None
+        None if nothing is cached, or if the function has to be run by numba.
     """
     files = None if _OFF else _files(function)
     if files is None:
@@ -172,14 +178,14 @@ def load(function: Any, key: Any) -> tuple[bool, Entry | None]:
         code = files.load(_whole(key))
         if code is not None:
             return True, _linked(Code(*code)) if code else None
-    except Exception:  # a file that is cut short raises whatever pickle comes upon
+    except Exception:  # with a damaged file pickle may raise anything
         with suppress(OSError):
             files.flush()
     return False, None
 
 
 def keep(function: Any, key: Any, code: Code | None) -> None:
-    """Keep machine code, if it needs no more than a C library has."""
+    """Cache machine code; if it needs more than the C library, only note that numba must run it."""
     files = _files(function)
     if files is None:
         return
@@ -193,18 +199,18 @@ def _files(function: Any) -> CompiledFiles | None:
     folder = folder_of(function.__code__.co_filename)
     if folder is None:
         return None
-    # Not the name that numba's own files have, or each would remove the others as out of date
+    # A base other than that of numba's files, or each would remove the other's as out of date
     return CompiledFiles(folder, f"{base_name(function)}.code", (_made_by(), stamp(function)))
 
 
 def _linked(code: Code) -> Entry | None:
-    """The way into code; None where functions that it needs are missing."""
+    """The entry to code; None if functions that it needs are missing."""
     from llvmlite import binding  # type: ignore[import-untyped]
 
     _set_up_llvm()
     with _lock:
-        # Making an engine takes ten times as long as putting code into one. Where two go by the
-        # same name, each needs its own.
+        # Making an engine takes ten times as long as adding code to one. Only a second entry of the
+        # same name needs an engine of its own.
         engine = _engine() if code.name in _named else _shared_engine()
         # Before the first engine LLVM knows no function
         if not all(binding.address_of_symbol(name) for name in code.needs):
@@ -217,7 +223,7 @@ def _linked(code: Code) -> Entry | None:
 
 
 def _engine() -> Any:
-    """What holds code, without any."""
+    """An engine of LLVM, still without code."""
     from llvmlite import binding
 
     machine = binding.Target.from_default_triple().create_target_machine(jit=True)
@@ -238,7 +244,7 @@ def _set_up_llvm() -> None:
 
 
 def _whole(key: Any) -> Any:
-    """Types of arguments, and the processor that code for them is made for."""
+    """The whole key of cached code: types of arguments, and the processor."""
     return repr(key), _processor()
 
 
@@ -253,7 +259,7 @@ def _processor() -> tuple[Any, ...]:
 
 @cache
 def _made_by() -> tuple[Any, ...]:
-    """Which numba and LLVM are installed, found without importing them, and what is kept."""
+    """State of the installed numba and llvmlite, found without importing them, and the layout."""
     found: list[Any] = [_FORM]
     for package in ("numba", "llvmlite"):
         spec = find_spec(package)

@@ -1,11 +1,9 @@
-"""Memory: what is left of it, and what was freed.
+"""Control of freed memory, and the amount that is still available.
 
-What was freed stays with the process, as the next block of a log needs it again.
-
-The C library gives large pieces back to the system as soon as they are freed, and the system clears
-them before it gives them out anew: for columns that live for a block this takes longer than what is
-computed of them. glibc learns with time to keep them, unless something has set its limits, as Dask
-does for its workers.
+The C library returns large pieces to the system as soon as they are freed, and the system clears
+them before it hands them out again. For columns that live for one block of a log this takes longer
+than the computation, so freed memory is kept for the next block. glibc learns this by itself with
+time, unless something has set its limits, as Dask does for its workers.
 """
 
 from __future__ import annotations
@@ -23,9 +21,10 @@ if TYPE_CHECKING:
 
 # Numbers of glibc's malloc.h
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-# Its own limits, without anything set, in bytes
+# Default of both limits in glibc, bytes
 _USUAL = 128 * 1024
-# Larger than any column of a block; what is beyond is given back.
+# Bytes. Pieces up to the first size, larger than any column of a block, are kept when they are
+# freed, as long as no more than the second is unused at the top of the heap.
 PIECE, UNUSED_AT_MOST = 32 * 2**20, 128 * 2**20
 
 
@@ -55,14 +54,14 @@ def memory_held() -> Iterator[None]:
 
 @cache
 def keep_freed() -> None:
-    """Have freed memory stay with the process, some 64 MB of it, from now on; it costs nothing.
+    """Make the process keep some 64 MB of freed memory from now on.
 
-    This is what glibc learns by itself, from the largest piece that was freed (its dynamic limits,
-    see mallopt(3)). Without it a program that reads a log, and little else, spends a fourth of the
-    time on memory that comes and goes with each chunk.
+    Freeing one large piece raises glibc's dynamic limits (see mallopt(3)). Without this, a program
+    that does little but read a log spends a quarter of its time on memory that is returned and
+    obtained again with each chunk.
     """
     if _glibc() is not None:
-        bytes(PIECE - 2**20)  # zeros, which are nowhere until somebody reads them
+        bytes(PIECE - 2**20)  # freed at once; zeros take no physical memory until they are read
 
 
 def give_back() -> None:
@@ -73,9 +72,13 @@ def give_back() -> None:
 
 
 def joined(blocks: list[np.ndarray]) -> np.ndarray:
-    """Blocks of rows, at least one, in one array; they are taken off the list as they are copied.
+    """Blocks of rows joined in one array.
 
-    So all of them are in memory but once.
+    Parameters
+    ----------
+    blocks : list of ndarray, shape (n_k, ...)
+        At least one. The list is emptied as blocks are copied, so that no more than one block is in
+        memory twice.
     """
     import numpy as np
 
@@ -94,7 +97,7 @@ def joined(blocks: list[np.ndarray]) -> np.ndarray:
 
 
 def available() -> int | None:
-    """Bytes of memory that the system can still give out; None where it does not say."""
+    """Bytes of memory that are still available; None if the system does not say."""
     try:
         with open("/proc/meminfo", encoding="ascii") as lines:
             for line in lines:

@@ -24,12 +24,12 @@ def option(
     text : str
         The option's help.
     metavar : str, optional
-        What stands for its value there: a unit, or a form.
+        Placeholder for its value in the help: a unit, or a form.
     brief : str, optional
         One line for ``--help``, which shows the options that matter most; those without it are
         shown by ``--help-all`` only.
     **limits : float
-        ``ge``, ``gt``, ``le`` and ``lt`` of the value.
+        Bounds ``ge``, ``gt``, ``le`` and ``lt`` of the value.
     """
     extra = {"metavar": metavar, "brief": brief}
     return Field(default, description=text, json_schema_extra=extra, **limits)  # type: ignore[call-overload]
@@ -41,7 +41,7 @@ class Group(BaseModel):
     title: ClassVar[str] = ""
     """Heading of its options in help and documentation."""
 
-    # strict: a word is no number and a number is no yes or no
+    # strict: no words for numbers, and no numbers for booleans
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True
     )
@@ -49,15 +49,16 @@ class Group(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _tuples(cls, data: Any) -> Any:
-        """Lists, which TOML has, as the tuples that strict models want."""
+        """Convert the lists of TOML to the tuples that strict models need."""
         return {k: _tuple(v) for k, v in data.items()} if isinstance(data, dict) else data
 
     def check(self) -> None:
-        """Check that the options fit each other.
+        """Check that the options go together.
 
         Raises
         ------
         ConfigurationError
+            If they do not.
         """
 
     @classmethod
@@ -90,12 +91,12 @@ def _tuple(value: Any) -> Any:
 
 
 def span(text: str) -> tuple[float, float]:
-    """START:END as two numbers of seconds.
+    """The two times of a span START:END, s.
 
     Raises
     ------
     ValueError
-        The text is none.
+        If the text is not such a span, or does not end after it starts.
     """
     start, separator, end = text.partition(":")
     try:

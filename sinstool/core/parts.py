@@ -1,12 +1,13 @@
 """Compiled functions: kernels, which Python calls, parts, which kernels are made of, and others.
 
-numba compiles all of them, and takes longer to import than most logs take to process. So nothing
-here imports it before something has to be compiled: :mod:`~sinstool.core.machine_code` keeps what
-it makes of a kernel, and runs it. :mod:`~sinstool.core.dispatchers` says what kernels and parts do
-without.
+numba compiles all of them, but takes longer to import than most logs take to process. So nothing
+here imports it before something has to be compiled: :mod:`~sinstool.core.machine_code` stores the
+machine code of kernels and runs it. :mod:`~sinstool.core.dispatchers` describes which steps of
+numba are left out for kernels and parts.
 
-Neither counts references nor looks for zero divisors, unless asked to, as both take longer to
-compile than what they guard. What allocates or returns arrays has to say so.
+Kernels and parts do not count references and do not check for zero divisors unless they ask for it,
+because both take longer to compile than the code that they guard. A function that allocates or
+returns arrays must therefore be declared with ``allocates=True``.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class _Compiled:
-    """A function that numba compiles, as soon as it is called or compiled code is to call it."""
+    """A function that numba compiles when Python calls it, or when a caller of it is compiled."""
 
     def __init__(self, function: Any, make: str, options: dict[str, Any]) -> None:
         update_wrapper(self, function)
@@ -33,19 +34,19 @@ class _Compiled:
 
     @cached_property
     def dispatcher(self) -> Any:
-        """What numba has for the function."""
+        """numba's dispatcher of the function."""
         from sinstool.core import dispatchers
 
         return getattr(dispatchers, self._make)(self.py_func, self._options)
 
     @property
     def _numba_type_(self) -> Any:
-        """Type to numba, where compiled code names the function."""
+        """The function's type, for numba when it compiles a caller."""
         return self.dispatcher._numba_type_
 
     @property
     def targetoptions(self) -> Any:
-        """Options, where numba looks for functions to put into others."""
+        """The options, for numba when it decides on inlining."""
         return self.dispatcher.targetoptions
 
     def __call__(self, *args: Any, **keywords: Any) -> Any:
@@ -56,7 +57,7 @@ class _Compiled:
 
 
 class _Kernel(_Compiled):
-    """A kernel, or a part as Python calls it."""
+    """A kernel, or a part that Python calls."""
 
     def __init__(self, function: Any, make: str, options: dict[str, Any]) -> None:
         super().__init__(function, make, options)
@@ -77,7 +78,7 @@ class _Kernel(_Compiled):
         return self.dispatcher(*args) if entry is None else entry(words)
 
     def _find(self, key: Any, args: tuple[Any, ...]) -> Entry | None:
-        """The way into machine code for types of arguments; None: numba's has to be taken."""
+        """The entry to the machine code for argument types; None if numba must call it."""
         if self._options["_nrt"] or self.py_func.__closure__:
             return None
         options = {k: sorted(v) if isinstance(v, set) else v for k, v in self._options.items()}
@@ -93,17 +94,17 @@ class _Kernel(_Compiled):
 def kernel(
     *, allocates: bool = False, vectorizes: bool = True, **options: Any
 ) -> Callable[[Function], Function]:
-    """Decorate a function that Python calls; its machine code is kept.
+    """Decorate a function that Python calls; its machine code is cached.
 
     Parameters
     ----------
     allocates : bool, optional
-        It makes arrays.
+        Whether it allocates or returns arrays.
     vectorizes : bool, optional
-        Its loops are made into ones over several elements at a time, which are quicker where they
-        are long; the code is twice as large, and so is the time that it takes to compile.
+        Whether its loops are vectorised. That makes long loops faster, but doubles the code and the
+        time to compile it.
     **options
-        Of `numba.njit`, by default those for loops over numbers.
+        Options of `numba.njit` that replace the defaults for loops over numbers.
     """
     options = {"_nrt": allocates, "vectorizes": vectorizes} | options
     return partial(_made, _Kernel, "dispatcher", options)
@@ -115,16 +116,16 @@ def part(*, allocates: bool = False, **options: Any) -> Callable[[Function], Fun
     Parameters
     ----------
     allocates : bool, optional
-        It makes arrays.
+        Whether it allocates or returns arrays.
     **options
-        Of `numba.njit`, by default those for loops over numbers.
+        Options of `numba.njit` that replace the defaults for loops over numbers.
     """
     options = {"_nrt": allocates} | options
     return partial(_made, _Kernel, "dispatcher", options)
 
 
 def njit(**options: Any) -> Callable[[Function], Function]:
-    """Decorate a function as `numba.njit` does, when it is used."""
+    """Decorate a function as `numba.njit` does, but import numba only when it is used."""
     return partial(_made, _Compiled, "jitted", options)
 
 

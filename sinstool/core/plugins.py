@@ -20,7 +20,7 @@ def plugins(group: str) -> dict[str, EntryPoint]:
     group : str
         ``sinstool.coning`` or ``sinstool.readers``.
     """
-    # All installed distributions are looked through, which few commands need.
+    # Slow, because it looks through all installed distributions; few commands need it.
     from importlib.metadata import entry_points
 
     return {entry.name: entry for entry in entry_points(group=group)}
@@ -32,12 +32,12 @@ def load(group: str, name: str) -> Any:
     Raises
     ------
     ConfigurationError
-        Its module cannot be imported, or lacks it.
+        If its module cannot be imported, or lacks the object.
     """
     entry = plugins(group)[name]
     try:
         return entry.load()
-    except Exception as exc:  # whatever a module of somebody else does when it is imported
+    except Exception as exc:  # importing a foreign module may raise anything
         owner = "" if entry.dist is None else f" of {entry.dist.name}"
         raise ConfigurationError(
             f"the plug-in {name}{owner} cannot be loaded: {type(exc).__name__}: {exc}",

@@ -1,7 +1,8 @@
 """Results of commands as plain values, the contents of ``--json``.
 
-The name of a field is its key, with the unit in it. Times, whose names end in ``_ns``, are strings,
-as JSON's numbers do not hold them; what is not finite is null; headings count from 0 to 360.
+The name of a field is its key and contains its unit. Times in ns, whose names end in ``_ns``, are
+strings, because readers of JSON take numbers for doubles, which cannot hold them; NaN and infinity
+become null; headings run from 0 to 360 deg.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ def as_json(value: Any, name: str = "") -> Any:
     Parameters
     ----------
     value : object
-        Dataclasses become objects by the names of their fields; those that begin with an underscore
-        are left out. Arrays become lists.
+        Dataclasses become objects, without fields whose names begin with an underscore; arrays
+        become lists.
     name : str, optional
-        Its key, which says what it is.
+        Its key; integers under keys that end in ``_ns`` become strings.
     """
     if value is None or isinstance(value, (bool, np.bool_)):
         return None if value is None else bool(value)
@@ -53,21 +54,21 @@ class Result:
 
     SCHEMA: ClassVar[str]
     OPTIONAL: ClassVar[tuple[str, ...]] = ()
-    """Keys that are left out where there is no value."""
+    """Keys that are left out if their value is None."""
     findings: tuple[Finding, ...]
 
     @property
     def exit_status(self) -> int:
-        """0, or 3 where something was lost or withheld."""
+        """Exit status of the command: 0, 3 if something was lost or withheld, 1 if it failed."""
         return exit_status(self.findings)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The findings beyond notes, in words."""
+        """The texts of all findings that are more than notes."""
         return tuple(str(f) for f in self.findings if f.severity > Severity.NOTE)
 
     def to_json(self) -> dict[str, Any]:
-        """The values of ``--json``, with the version of their layout."""
+        """The values of ``--json``, with the name and version of their schema."""
         values = as_json(self)
         for key in self.OPTIONAL:
             if values[key] is None:

@@ -5,20 +5,24 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-# Windows at a time.
+# Windows handled at a time, to bound memory
 AT_ONCE = 4096
 
 
 def running_median(values: np.ndarray, wide: int) -> np.ndarray:
-    """Medians of so many rows about each, which are mirrored at both ends.
+    """Running medians along the first axis; beyond both ends the rows are mirrored.
 
-    Of an even number the larger of the two in the middle. `scipy.ndimage` does the same, but takes
-    longer to import than most logs to process.
+    `scipy.ndimage` does the same, but takes longer to import than most logs to process.
 
     Parameters
     ----------
     values : ndarray, shape (n, ...)
     wide : int
+        Rows in a window. For an even number, the larger of the two middle values is taken.
+
+    Returns
+    -------
+    ndarray, shape (n, ...)
     """
     before = wide // 2
     ends = ((before, wide - 1 - before), *[(0, 0)] * (values.ndim - 1))

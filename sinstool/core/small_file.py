@@ -6,24 +6,24 @@ from pathlib import Path
 
 from sinstool.core.errors import ConfigurationError
 
-# The longest that anyone has reason to write has some kilobytes
+# Bytes; the longest reasonable file has some kilobytes
 MOST = 2**20
 
 
 def read_text(path: Path, option: str = "", hint: str = "") -> str:
-    """Text of a file that a person or a command wrote for us.
+    """Text of a small file, such as a configuration or a calibration.
 
     Parameters
     ----------
     option : str, optional
-        The one that named it, for the error.
+        The option that named it, for the error.
     hint : str, optional
-        What to do where it cannot be read.
+        What to do if it cannot be read.
 
     Raises
     ------
     ConfigurationError
-        It cannot be read, is longer than 1 MiB, or is no UTF-8.
+        If it cannot be read, is longer than 1 MiB, or is not UTF-8.
     """
     name = f"{option} {path}" if option else str(path)
     try:

@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", bound="Stream")
 R = TypeVar("R")
-# m: no vehicle that navigates with an IMU on Earth is so far up or down.
+# Largest plausible height or depth of a vehicle, m
 HIGHEST = 1e6
 
 
 def take_rows(record: R, which: slice | np.ndarray) -> R:
     """The same rows, by slice, mask or index array, of all arrays of a dataclass.
 
-    Fields that are dataclasses of arrays are taken from alike; those that are None stay so.
+    The same rows of fields that are dataclasses of arrays are taken; None stays None.
     """
     columns: dict[str, Any] = vars(record)
     return type(record)(
@@ -100,7 +100,7 @@ class Stream:
         return polars_frame(table_of(self))
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """The same columns for all that takes Arrow data: ``pyarrow.table(imu)``, DuckDB, polars.
+        """The same columns as Arrow data, for ``pyarrow.table(imu)``, DuckDB or polars.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Imu(Stream):
 
     @classmethod
     def of(cls, time_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike) -> Imu:
-        """Samples that a program has.
+        """Make a stream of arrays.
 
         Parameters
         ----------
@@ -146,7 +146,7 @@ class Imu(Stream):
         Raises
         ------
         ConfigurationError
-            Shapes do not fit, times are no integers or not in order, or a value is not finite.
+            If a shape is wrong, times are not ascending integers, or a value is not finite.
 
         Examples
         --------
@@ -208,13 +208,13 @@ class Gnss(Stream):
 
     @property
     def has_fix(self) -> np.ndarray:
-        """Rows with a fix, wherever that is; receivers without one write exact zeros too."""
+        """Rows with a fix. Receivers without one may report exactly 0 deg, 0 deg instead."""
         finite = np.isfinite(self.latitude) & np.isfinite(self.longitude)
         return (self.status >= 0) & finite & ((self.latitude != 0.0) | (self.longitude != 0.0))
 
     @property
     def on_earth(self) -> np.ndarray:
-        """Rows where a vehicle can be; those without a height are."""
+        """Rows with a plausible position; the height may be missing."""
         level = (np.abs(self.latitude) <= 0.5 * np.pi) & (np.abs(self.longitude) <= 2.0 * np.pi)
         return np.asarray(level & ~(np.abs(self.height) >= HIGHEST))
 
@@ -351,12 +351,12 @@ class Solution(Stream):
     velocity_n : ndarray, shape (n, 3), optional
         m/s.
     vertical : ndarray, shape (n, 3), optional
-        Of the vertical channel: height (m), velocity up (m/s), and the correction that the
-        damping takes from the accelerometer (m/s^2).
+        State of the vertical channel: height (m), velocity up (m/s), and the correction that the
+        damping subtracts from the accelerometer (m/s^2).
     covariance_position_n, covariance_velocity_n : ndarray, shape (n, 3, 3), optional
         m^2 and m^2/s^2, in NED.
     covariance_attitude_n : ndarray, shape (n, 3, 3), optional
-        Of the small rotation in NED that takes the attitude given to the true one, rad^2.
+        Covariance of the small rotation in NED from this attitude to the true one, rad^2.
     q_vb : ndarray, shape (n, 4), optional
         The mount: from body axes to those of the vehicle, both forward, right, down.
     """
@@ -382,7 +382,7 @@ class Diagnostics(Stream):
     level : ndarray of int, shape (n,)
         0 where all is well, 1 where something was held back, 2 where it began anew.
     values : ndarray, shape (n, k)
-        Named by the filter that makes them.
+        The filter that makes them defines their names.
     """
 
     level: np.ndarray

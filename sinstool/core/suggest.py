@@ -11,12 +11,12 @@ def nearest(word: str, candidates: Iterable[str]) -> str:
     Returns
     -------
     str
-        ``did you mean X?``; '' where nothing is near.
+        ``did you mean X?``; '' if no candidate is near.
     """
     import difflib
 
     words = list(candidates)
     near = difflib.get_close_matches(word, words, n=1)
-    # Names of topics differ in their end, and /imu is near to no /sensors/imu/data by letters.
+    # A part of a topic's name is enough: by letters alone, /imu is not near /sensors/imu/data.
     near = near or [k for k in words if len(word.strip("/")) > 2 and word.strip("/") in k][:1]
     return f"did you mean {near[0]}?" if near else ""

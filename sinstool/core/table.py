@@ -45,7 +45,7 @@ def _sigma(stem: str, unit: str, factor: float = 1.0) -> Callable[[np.ndarray], 
 
 
 def attitude_columns(q_nb: np.ndarray) -> Table:
-    """The quaternion, and the angles of it; headings from 0 to 360 deg.
+    """The quaternion, and its Euler angles; headings from 0 up to 360 deg.
 
     Parameters
     ----------
@@ -75,12 +75,12 @@ def _vertical(vertical: np.ndarray) -> Table:
 
 
 def _plain(name: str) -> Callable[[np.ndarray], Table]:
-    """A column by the name of its field, or numbered ones."""
+    """A column with the name of its field, or numbered columns for a matrix."""
     return lambda a: {name: a} if a.ndim == 1 else {f"{name}_{k}": c for k, c in enumerate(a.T)}
 
 
-# Columns of the fields of :mod:`sinstool.core.streams`, of those that mean something else in one
-# stream by its name too; what is not here is called as its field is.
+# Columns of the fields of :mod:`sinstool.core.streams`. A key with the name of a stream is for a
+# field that means something else in it; a field that is not listed keeps its name.
 FIELDS: Mapping[str, Callable[[np.ndarray], Table]] = {
     "gyro": _vector("gyro", XYZ, "rad_s"),
     "accel": _vector("accel", XYZ, "m_s2"),
@@ -89,7 +89,7 @@ FIELDS: Mapping[str, Callable[[np.ndarray], Table]] = {
     "field": _vector("field", XYZ, "T"),
     "orientation": attitude_columns,
     "q_nb": attitude_columns,
-    # The same in each row: an attitude of the vehicle is a stream of its own
+    # The same in each row; the attitude of the vehicle is a stream of its own
     "q_vb": lambda a: {},
     "latitude": _scalar("latitude_deg", DEGREE),
     "longitude": _scalar("longitude_deg", DEGREE),
@@ -172,5 +172,5 @@ def _library(name: str) -> Any:
         return import_module(name)
     except ImportError as exc:
         raise SinstoolError(
-            f"{name} is not installed, which makes such tables", f"run: pip install {name}"
+            f"this table needs {name}, which is not installed", f"run: pip install {name}"
         ) from exc

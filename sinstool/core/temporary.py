@@ -1,11 +1,11 @@
 """Temporary files and folders that are removed later even if the run is killed.
 
-Whoever makes one holds an advisory lock on it. The system gives the lock back however a process
-ends, so the next run that makes one in the same folder can tell those of running processes from
-those that a kill or a power cut has left, and removes the latter first. Two cases remain in which
-a lock says nothing: a file system that has no locks, and one that keeps them within each host.
-Names hold the host, therefore, and what another host made, or what cannot be locked, is left alone
-until nobody has written to it for a day.
+The process that makes one holds an advisory lock on it. The system releases the lock however the
+process ends, so the next run that makes one in the same folder can tell the files of running
+processes from those that a kill or a power cut has left, and removes the latter. A lock says
+nothing on file systems without locks, or with locks that are seen only within each host. Therefore
+the names contain the host, and files of other hosts, or that cannot be locked, are left alone until
+they have not been written to for a day.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ NAME_LENGTH = 40
 _NAME = re.compile(r"\..*\.([0-9a-f]{8})-[0-9a-f]{16}\.sinstool-part", re.DOTALL)
 # In place of a host, for files that are left alone for a day wherever they are seen
 _NO_HOST = "00000000"
-# Of this process: removed at its end, should a second interruption have broken off tidying up
+# Unfinished files of this process, removed at its end if a second interrupt stopped the clean-up
 _unfinished: set[Path] = set()
 
 
@@ -41,7 +41,7 @@ def _host() -> str:
 
 
 def _hidden(folder: Path, name: str, host: str) -> Path:
-    # cut, as a name may be so long already that nothing can be added to it
+    # cut, because the name of the target may already be as long as the file system allows
     return folder / f".{name[:NAME_LENGTH]}.{host}-{secrets.token_hex(8)}.sinstool-part"
 
 
@@ -51,7 +51,7 @@ def new_file(folder: Path, name: str) -> tuple[int, Path]:
     Parameters
     ----------
     name : str
-        What it is for; the beginning of it becomes part of the file's hidden name.
+        Name of the target; its beginning becomes part of the file's hidden name.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def new_file(folder: Path, name: str) -> tuple[int, Path]:
     Raises
     ------
     OSError
-        The folder refuses a new file.
+        If the file cannot be made.
     """
     sweep(folder)
     while True:
@@ -71,7 +71,7 @@ def new_file(folder: Path, name: str) -> tuple[int, Path]:
         try:
             flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
             handle = os.open(path, flags, 0o600)
-        except OSError:  # not of an interruption: the file may be there already
+        except OSError:  # not after an interrupt, when the file may exist already
             _unfinished.discard(path)
             raise
         if _locked_for_good(handle):
@@ -80,18 +80,18 @@ def new_file(folder: Path, name: str) -> tuple[int, Path]:
 
 
 def unlocked_name(folder: Path, name: str) -> Path:
-    """Name for a file that nobody locks; it is removed when it is a day old.
+    """Name for a file that is not locked; :func:`sweep` removes it when it is a day old.
 
     Parameters
     ----------
     name : str
-        What it is for.
+        Purpose; its beginning becomes part of the name.
     """
     return _hidden(folder, name, _NO_HOST)
 
 
 def remove_file(path: Path) -> None:
-    """Remove a file of :func:`new_file` and its folder, if they are still there."""
+    """Remove a file that :func:`new_file` made, and its folder, if they still exist."""
     with contextlib.suppress(FileNotFoundError):
         shutil.rmtree(_folder_of(path))
     path.unlink(missing_ok=True)
@@ -99,7 +99,7 @@ def remove_file(path: Path) -> None:
 
 
 def forget(path: Path) -> None:
-    """Leave a file alone: it has another name now."""
+    """Do not remove a file at the end of the process: it has been given its final name."""
     _unfinished.discard(path)
 
 
@@ -108,12 +108,12 @@ def _folder_of(path: Path) -> Path:
 
 
 class TemporaryFolder:
-    """A folder in the system's place for temporary files; the file beside it holds its lock.
+    """A folder in the system's folder for temporary files; a file beside it holds its lock.
 
     Raises
     ------
     OSError
-        It cannot be made.
+        If it cannot be made.
     """
 
     def __init__(self) -> None:
@@ -134,12 +134,12 @@ def sweep(folder: Path) -> int:
     Parameters
     ----------
     folder : Path
-        Nothing happens where it cannot be read, or what lies in it cannot be removed.
+        A folder that cannot be read, and files that cannot be removed, are skipped.
 
     Returns
     -------
     int
-        How many are in use by others.
+        Number of temporary files that are locked by other processes.
     """
     in_use = 0
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
@@ -152,8 +152,8 @@ def sweep(folder: Path) -> int:
 
 
 def _in_use(path: Path, host: str) -> bool:
-    """Whether somebody has it locked; if nobody has and it is ours or old, it is removed."""
-    # for writing, as locks of a network's file system want it
+    """Whether a file is locked; if it is not, and it is of this host or old, it is removed."""
+    # open for writing, which locks on network file systems require
     with path.open("r+b") as stream:
         locked = _lock(stream.fileno())
         if locked is False:
@@ -165,7 +165,7 @@ def _in_use(path: Path, host: str) -> bool:
 
 
 def _lock(handle: int, wait: bool = False) -> bool | None:
-    """Whether a lock was had; None where there are none."""
+    """Whether the file could be locked; None if the system has no locks."""
     if fcntl is None:
         return None
     try:

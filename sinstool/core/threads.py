@@ -1,8 +1,8 @@
-"""Threads beside the main one, or none if the process has only one core.
+"""Helper threads, or none where a process should use one core only.
 
 A command that works on one log has the machine to itself, and reads, compresses and writes in
-threads while it computes. A worker of a campaign has one core: there threads would take it from
-the other workers, so that what they would do is done by the caller.
+threads while it computes. A worker of a campaign has one core; its threads would take time from
+the other workers, so the calling thread does their work.
 """
 
 from __future__ import annotations
@@ -38,8 +38,10 @@ def executor(threads: int, name: str) -> Executor:
 
     Parameters
     ----------
+    threads : int
+        Most threads at a time.
     name : str
-        Of the threads, for who looks at the process.
+        Prefix of the threads' names, which tools such as `top` show.
     """
     if is_single_threaded():
         return AtOnce()

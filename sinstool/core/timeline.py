@@ -26,16 +26,16 @@ LAST_HORIZON = 64 * SECOND
 # An interval of more than this many nominal ones is a gap: two samples or more are missing, and
 # what the vehicle did meanwhile is not in the log.
 GAP_INTERVALS = 3.0
-# And of more than this many one that a sample was lost in.
+# In an interval of more than this many nominal ones, a sample was lost.
 LOST_INTERVALS = 1.5
-# What lies about when a stream of so many samples has been joined is given back at once.
+# When a stream of more samples than this has been joined, freed memory is returned to the system.
 LONG_STREAM = 100_000
 S = TypeVar("S", bound=Stream)
 _NEVER = int(np.iinfo(np.int64).min)
 
 
 def clock_time(time_ns: int) -> str:
-    """A time as people read it; clocks that count from boot are shown in seconds."""
+    """A time for messages: UTC, or seconds for a clock that counts from boot."""
     if time_ns > 946684800 * SECOND:  # 2000-01-01: recorders' own clocks start at zero
         when = datetime.fromtimestamp(time_ns // SECOND, UTC)
         return f"{when:%Y-%m-%d %H:%M:%S}.{time_ns % SECOND // 10**6:03d} UTC"
@@ -51,11 +51,11 @@ class OrderCounts:
     backward : int
         Samples stamped earlier than the one before them in the file.
     lateness_ns : int
-        How far the latest of them lay behind the newest sample then seen.
+        Largest time by which one of them was older than the newest sample seen before it.
     duplicates : int
-        Samples dropped because their time had been given out already.
+        Samples dropped because an earlier sample of the file has the same time.
     differing_duplicates : int
-        Those of them that held other values than the sample kept.
+        Those of them whose gyro values differ from those of the sample kept.
     late : int
         Samples dropped because they lay further behind the newest than the horizon.
     """
@@ -73,7 +73,7 @@ class Order:
     Parameters
     ----------
     horizon_ns : int
-        How far behind the newest sample a late one may lie and still be put in its place.
+        Largest time by which a sample may be older than the newest one and still be put in order.
     """
 
     def __init__(self, horizon_ns: int = FIRST_HORIZON) -> None:
@@ -109,13 +109,13 @@ class Order:
     def _punctual(self, block: Imu) -> Imu:
         """Count samples out of order; drop those that lie further back than the horizon.
 
-        By this rule, and not by what happens to have been given out, no sample depends on
-        where blocks end.
+        The rule does not depend on which samples have been returned already, so that the result
+        does not depend on where blocks end.
         """
         times = block.time_ns
         if len(times) and times[0] >= self._newest and (times[1:] >= times[:-1]).all():
             self._last_seen = int(times[-1])
-            return block  # as nearly always
+            return block  # the usual case, made fast
         before = np.concatenate(([self._last_seen], times[:-1]))
         newest = np.maximum.accumulate(np.concatenate(([self._newest], times)))[:-1]
         self._last_seen = int(times[-1])
@@ -132,7 +132,7 @@ class Order:
         return block.rows(~late)
 
     def _give(self, block: Imu) -> Imu:
-        """Drop repeated times, of which the first in the file stays; remember the last time."""
+        """Drop samples with a repeated time, except the first in the file; note the last time."""
         if not len(block):
             return block
         times = block.time_ns
@@ -142,7 +142,7 @@ class Order:
         if not fresh.all():
             repeated = np.flatnonzero(~fresh)
             self.counts.duplicates += len(repeated)
-            # row of the sample kept: 0 is that given out last
+            # row of the sample kept: row 0 is the last sample of the previous block
             last_fresh = np.maximum.accumulate(np.where(fresh, np.arange(1, len(times) + 1), 0))
             before = np.vstack((self._last_gyro, block.gyro))[last_fresh[repeated]]
             differs = (block.gyro[repeated] != before).any(axis=1)
@@ -166,14 +166,16 @@ def ordered(blocks: Iterable[Imu], order: Order) -> Iterator[Imu]:
 
 @dataclass(frozen=True)
 class Piece:
-    """A block's part that lies in one segment.
+    """The part of a block that belongs to one segment.
 
     Attributes
     ----------
+    imu : Imu
+        Its samples.
     starts : bool
-        The segment begins with it.
+        Whether the segment begins with it.
     gap_s : float
-        Length of the gap before it, 0 at the log's start.
+        Length of the gap before it, s; 0 if there is none.
     """
 
     imu: Imu
@@ -189,7 +191,7 @@ def segments(blocks: Iterable[Imu], max_gap_ns: int) -> Iterator[Piece]:
     blocks : iterable of Imu
         Ordered, without duplicates.
     max_gap_ns : int
-        Longest interval that is no gap.
+        Longest interval that is not a gap.
 
     Yields
     ------
@@ -225,12 +227,13 @@ def mean_rates(
     blocks : iterable of Imu
         Ordered; gyro in rad and accel in m/s over the interval that ends at each stamp.
     nominal_ns : float, optional
-        Interval of samples that follow a gap or nothing; by default what the stamps say, and
-        for the first sample the interval after it (a second when it is the only one).
+        Interval of the first sample, and with `max_gap_ns` of samples after a gap. By default the
+        first sample has the interval after it (a second if it is the only one), and a sample after
+        a gap the interval between its stamp and the one before.
     max_gap_ns : int, optional
-        What counts as a gap.
+        Longest interval that is not a gap.
     sample_rate : float, optional
-        Of every increment, Hz, whatever stamps say.
+        Rate of all increments, Hz, which replaces the intervals between stamps.
 
     Yields
     ------
@@ -255,12 +258,12 @@ def mean_rates(
 
 
 def means_with_lost(blocks: Iterable[Imu], nominal_ns: float, max_gap_ns: int) -> Iterator[Imu]:
-    """Mean rates, of which one that comes after a lost sample is that of both intervals.
+    """Mean rates in which a sample after a lost one is the mean over both intervals.
 
-    A mean says nothing about the interval before its own. The lost mean is taken to lie half-way
-    between its neighbours: with the value of the sample behind it, a vehicle that rocks would seem
-    to turn by more than the noise of good gyros. If a stamp is only late, the interval before or
-    behind it is shorter by as much, and nothing is lost.
+    A mean says nothing about the interval before its own. The lost mean is taken as the average of
+    its neighbours; if it were taken equal to the one after it, the attitude of a rocking vehicle
+    would change by more than the noise of good gyros. If a stamp is only late, the interval before
+    or after it is shorter by as much, and nothing was lost.
 
     Parameters
     ----------
@@ -269,14 +272,15 @@ def means_with_lost(blocks: Iterable[Imu], nominal_ns: float, max_gap_ns: int) -
     nominal_ns : float
         That interval.
     max_gap_ns : int
-        What counts as a gap, behind which a mean is that of its own interval.
+        Longest interval that is not a gap; a mean after a gap is left as it is.
 
     Yields
     ------
     Imu
-        All samples; blocks end a sample earlier than they came.
+        All samples; each block ends one sample earlier than it came, and the last sample is a block
+        of its own.
     """
-    past: Imu | None = None  # two samples that were given out, and one that was not
+    past: Imu | None = None  # two samples that were yielded, and one that was not
     for block in blocks:
         known = block if past is None else concatenate([past, block])
         given = 0 if past is None else len(past) - 1
@@ -288,7 +292,7 @@ def means_with_lost(blocks: Iterable[Imu], nominal_ns: float, max_gap_ns: int) -
 
 
 def _with_lost(known: Imu, which: slice, nominal_ns: float, max_gap_ns: int) -> Imu:
-    """Some rows of samples, of which those after a lost one are means of both intervals."""
+    """Some rows of samples, with means over both intervals after lost samples."""
     step = np.diff(known.time_ns)
     two = np.append(step[:-1] + step[1:], max_gap_ns) > (LOST_INTERVALS + 1.0) * nominal_ns
     lone = (step > LOST_INTERVALS * nominal_ns) & (step <= max_gap_ns)
@@ -349,14 +353,14 @@ def sorted_stream(
     blocks : iterable of Stream
         In the order of the file.
     by_log_time : bool
-        Take the recorder's times for stamps.
+        Use the times of the recorder as stamps.
     repeats : bool
         Keep samples that repeat a stamp; by default the first in the file stays.
 
     Returns
     -------
     SortedStream or None
-        None where there is not one sample.
+        None if there are no samples.
     """
     parts = [b for b in blocks if len(b)]
     if not parts:

@@ -1,4 +1,4 @@
-"""The way into a kernel, as :mod:`~sinstool.core.machine_code` calls it, for numba to compile."""
+"""The entry to a kernel that :mod:`~sinstool.core.machine_code` calls, as numba compiles it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _INTEGER: Any = types.Integer
 
 
 class _Lower(kernel_compiler._Lower):
-    """Lowering with our way in, where the types allow it, in place of numba's."""
+    """Lowering with our entry in place of numba's, where the types allow it."""
 
     def create_cpython_wrapper(self, release_gil: bool = False) -> None:
         fndesc = self.fndesc
@@ -49,7 +49,7 @@ class _Lower(kernel_compiler._Lower):
 
 
 def _letter(typ: Any) -> str:
-    """Of `struct`, for a type that is returned; a space where there is none."""
+    """The letter of `struct` for a type of result; a space if it has none."""
     if isinstance(typ, types.Boolean):
         return "?"
     if isinstance(typ, types.Float):
@@ -67,7 +67,7 @@ _PASSED = (types.Boolean, types.Float, types.Integer, types.Record)
 
 
 class _Words:
-    """Words of a block, one after the other."""
+    """Access to the words of a block in order."""
 
     def __init__(self, context: Any, builder: Any, at: Any) -> None:
         self.context, self.builder, self.at = context, builder, at
@@ -100,14 +100,14 @@ class _Words:
         return array._getvalue()
 
     def put(self, typ: Any, value: Any) -> None:
-        """Store the next number that is returned."""
+        """Store the next result."""
         wide = _wide(typ)
         value = self.context.cast(self.builder, value, typ, wide)
         self.builder.store(value, self._place(wide))
 
 
 def _wide(typ: Any) -> Any:
-    """A number of 64 bits for a number; None for what is none."""
+    """The 64-bit type for a type of number; None for other types."""
     if isinstance(typ, types.Float):
         return types.float64
     if isinstance(typ, _INTEGER):

@@ -21,7 +21,7 @@ from sinstool.core.temporary import forget, new_file, remove_file, sweep
 # Suffixes of what `sinstool export` writes
 EXPORTED = (".csv", ".parquet", ".tum", ".kml", ".gpx", ".geojson")
 SYNC_BYTES = 48 * 2**20
-# Not every system has the call that leaves the file's times alone.
+# fdatasync does not write the file's times, but not every system has it
 _put_on_disk = getattr(os, "fdatasync", os.fsync)
 
 
@@ -42,15 +42,15 @@ def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
     Parameters
     ----------
     overwrite : bool
-        An existing file may be replaced; an input never.
+        Whether an existing file may be replaced; an input never is.
 
     Raises
     ------
     OutputError
     """
-    # A folder that may not be looked into, a name too long for the file system
+    # For example: no permission to search a folder, or a name too long for the file system
     with _as_output_error(f"cannot write {output}", "choose another -o"):
-        # A link stays one: what it leads to is written.
+        # A symbolic link is kept, and its target is written.
         folder = _real(output).parent
         if output.is_dir():
             raise OutputError(f"{output} is a folder", "give the name of a file with -o")
@@ -73,17 +73,17 @@ def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
 
 
 def check_mcap_name(output: Path, of_log: bool = False) -> None:
-    """Refuse the name of an MCAP that promises another format.
+    """Refuse a name for an MCAP that has the suffix of another format.
 
     Parameters
     ----------
     of_log : bool, optional
-        It will be a log, not a result, which alone can be exported.
+        Whether the output is a log, which `sinstool export` cannot convert, and not a result.
 
     Raises
     ------
     ConfigurationError
-        The suffix is not ``.mcap``; a name without one is taken as it is.
+        If the name has a suffix other than ``.mcap``; it may have none.
     """
     suffix = output.suffix.lower()
     if suffix in ("", ".mcap"):
@@ -100,12 +100,12 @@ def check_mcap_name(output: Path, of_log: bool = False) -> None:
 
 
 def check_new_folder(folder: Path, option: str) -> None:
-    """Refuse a folder for tables that holds something.
+    """Refuse a folder for tables that exists and is not empty.
 
     Parameters
     ----------
     option : str
-        By which another one can be given.
+        The option that names the folder, for the message.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def _real(path: Path) -> Path:
 
 @dataclass
 class _Group:
-    """Files and folders that wait until all of them are complete."""
+    """Files that get their names only when all of them are complete, and new folders."""
 
     files: list[WholeFile] = field(default_factory=list)
     folders: list[Path] = field(default_factory=list)
@@ -135,12 +135,12 @@ _group: ContextVar[_Group | None] = ContextVar("_group", default=None)
 
 @contextlib.contextmanager
 def commit_together() -> Iterator[None]:
-    """Files that are completed inside appear when the context ends well: all of them or none.
+    """Context at whose end the files completed inside appear together; after an error, none.
 
     Raises
     ------
     OutputError
-        A file was written twice, or its folder is gone by now.
+        If a file was written twice, or its folder no longer exists.
     """
     if _group.get() is not None:
         yield
@@ -155,7 +155,7 @@ def commit_together() -> Iterator[None]:
         for file in group.files:
             file.discard()
         for folder in reversed(group.folders):
-            # not one into which somebody else has put something
+            # fails for a folder that another program has used meanwhile
             with contextlib.suppress(OSError):
                 folder.rmdir()
         raise
@@ -164,12 +164,12 @@ def commit_together() -> Iterator[None]:
 
 
 def path_for_now(path: Path) -> Path:
-    """Where the content of a file is before the end of :func:`commit_together`.
+    """Path under which a file can be read before the end of :func:`commit_together`.
 
     Returns
     -------
     Path
-        The file itself where it does not wait.
+        The temporary file; `path` itself if the file is not waiting.
     """
     group = _group.get() or _Group()
     target = _real(path)
@@ -177,12 +177,12 @@ def path_for_now(path: Path) -> Path:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder and those above it; inside :func:`commit_together` they go if it fails.
+    """Make a folder and its parents; if :func:`commit_together` fails, it removes them again.
 
     Parameters
     ----------
     path : Path
-        May be there already.
+        It may exist already.
 
     Raises
     ------
@@ -196,9 +196,9 @@ def make_folder(path: Path) -> None:
 
 
 class _SyncedFile(io.BufferedWriter):
-    """A file whose content goes to the disk while the rest is made, not all of it at the end.
+    """A file that is synced to the disk while it is written, not only at the end.
 
-    The buffer joins small records; chunks are larger and go past it, not copied once more.
+    The buffer joins small records; chunks are larger than it and are written without a copy.
     """
 
     def __init__(self, handle: int) -> None:
@@ -212,13 +212,13 @@ class _SyncedFile(io.BufferedWriter):
         count = super().write(data)
         self._unsynced += count
         if self._unsynced > SYNC_BYTES and (self._sync is None or self._sync.done()):
-            # Errors show again when everything is synced in the end.
+            # An error here is ignored: the last sync will raise it again.
             self._sync = self._pool.submit(_put_on_disk, self.fileno())
             self._unsynced = 0
         return count
 
     def close(self) -> None:
-        """Close, when nothing is being synced any more."""
+        """Close the file once the sync in progress has ended."""
         self._pool.shutdown(wait=True)
         super().close()
 
@@ -231,12 +231,13 @@ class WholeFile:
     Parameters
     ----------
     path : Path
-        The target; of a link, what it leads to.
+        The target; a symbolic link is followed.
 
     Raises
     ------
     OutputError
-        The folder refuses a new file.
+        If the folder cannot be written to, or the target is already written inside the same
+        :func:`commit_together`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -279,12 +280,12 @@ class WholeFile:
         Raises
         ------
         OutputError
-            The folder is gone by now, or a folder has taken the name.
+            If the folder no longer exists, or the name is now that of a folder.
         """
         with self._or_nothing():
             if os.name == "nt":  # which renames no open file
                 self.stream.close()
-            # Open, and so locked: no other run takes it for a dead one's before it has its name.
+            # Renamed while open, and so locked: another run would remove it as a leftover.
             os.replace(self._part, self._target)
             record_output(self.path)
             forget(self._part)
@@ -293,7 +294,7 @@ class WholeFile:
 
     def discard(self) -> None:
         """Remove the unfinished file; a completed one stays."""
-        # A full disk refuses the last flush too; the file goes anyway.
+        # On a full disk the last flush fails too; the file is removed anyway.
         with contextlib.suppress(OSError):
             self.stream.close()
         with contextlib.suppress(OSError):
@@ -310,14 +311,14 @@ class WholeFile:
 
 
 def write_whole(path: Path, content: bytes | str) -> None:
-    """Write a file at once; text in UTF-8.
+    """Write a whole file; text is encoded in UTF-8.
 
     Raises
     ------
     OutputError
     """
     with WholeFile(path) as file:
-        # Names of files may be no UTF-8; what reads this wants it to be
+        # File names in the text may not be UTF-8, but its readers expect UTF-8
         raw = content.encode(errors="replace") if isinstance(content, str) else content
         file.stream.write(raw)
 
@@ -325,12 +326,18 @@ def write_whole(path: Path, content: bytes | str) -> None:
 def write_table(
     path: Path, names: Sequence[str], rows: Iterable[Sequence[Any]], end: str = "\n"
 ) -> None:
-    """Write a CSV file at once.
+    """Write a whole CSV file.
 
     Parameters
     ----------
+    path : Path
+        The file.
+    names : sequence of str
+        The header.
+    rows : iterable of sequence
+        The values of each row.
     end : str, optional
-        Of each line.
+        End of each line.
 
     Raises
     ------
@@ -344,8 +351,8 @@ def write_table(
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the new name on the disk too."""
-    # Some systems cannot, and what they hold is whole all the same.
+    """Sync a folder, so that a new name in it survives a power cut."""
+    # Some systems cannot sync a folder; the file is whole there too.
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:
@@ -364,7 +371,7 @@ def completed_outputs() -> Iterator[list[Path]]:
     Yields
     ------
     list of Path
-        Grows with every file, in their order.
+        The files so far; it grows while files are completed.
     """
     outputs: list[Path] = []
     token = _outputs.set(outputs)
@@ -375,7 +382,7 @@ def completed_outputs() -> Iterator[list[Path]]:
 
 
 def record_output(*paths: Path) -> None:
-    """Add files to those that :func:`completed_outputs` collects, if it does."""
+    """Add files to the list of :func:`completed_outputs`, if there is one."""
     outputs = _outputs.get()
     if outputs is not None:
         outputs += paths

@@ -20,6 +20,7 @@ from sinstool.pipelines.process.result import ProcessResult
 from sinstool.report.figure import Figure
 from sinstool.report.figures import process as draw
 from sinstool.report.figures.parts import AXES, track
+from sinstool.report.text.account import heading_origin
 
 if TYPE_CHECKING:
     from sinstool.pipelines.process.summary import FilterCourse
@@ -180,7 +181,7 @@ class Recorder:
         seconds, values = self._motion.curves(self._origin_ns)
         curves = draw.Curves(seconds, dict(zip(self._columns, values.T, strict=True)))
         axes = _axes(result)
-        attitude = draw.heading(curves, axes, result.alignment.north_referenced)
+        attitude = draw.heading(curves, axes, heading_origin(result))
         tilt = draw.tilt(curves, " ".join([axes, *self._about_curves()]))
         vertical = draw.vertical(curves, self._held(), self._marks(result))
         off = {kind: values.curves(self._origin_ns) for kind, values in self._off.items()}

@@ -22,12 +22,12 @@ from sinstool.simulation.truth import Trajectory
 Jet = Callable[[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray], tuple[FloatArray, ...]]
 """Time, speed, its derivative, yaw rate and its derivative into a velocity and its derivative."""
 
-# Slow slip is a sum of so many sinusoids of the spectrum of a first-order Markov process, below
-# a frequency beyond which a car's body hides it, and it sets in at a speed
+# The slow slip is a sum of this many sinusoids with the spectrum of a first-order Markov process,
+# up to a frequency above which a car's body does not follow; it sets in at about this speed, m/s
 _TONES, _FASTEST_HZ, _WALKING = 64, 1.0, 2.0
 _SHIP = 3.0  # m/s, to the right
 _MOORING = 10.0  # s
-# Of the ship's roll, pitch (rad) and heave (m/s), and their periods, s
+# Amplitudes of the ship's roll, pitch (rad) and heave (m/s), and their periods, s
 _WAVES = ((np.deg2rad(2.0), 9.0), (np.deg2rad(0.8), 7.0), (0.3, 8.0))
 
 
@@ -38,10 +38,10 @@ class Car:
     Attributes
     ----------
     mount : tuple of float
-        Roll, pitch and yaw of the Imu's axes in the vehicle's, rad: ``C_vb`` from them is what
-        ``C_nb`` is from roll, pitch and heading.
+        Roll, pitch and yaw of the Imu's axes in the vehicle's, rad: ``C_vb`` follows from them as
+        ``C_nb`` from roll, pitch and heading.
     axle_lever : float
-        How far the Imu is ahead of the rear axle, m. The axle follows the road.
+        Distance of the Imu ahead of the rear axle, m. The axle follows the road.
     sideslip : float
         kappa, angle of slip outward for each m/s^2 of centripetal acceleration, rad/(m/s^2).
     slip : float
@@ -49,9 +49,9 @@ class Car:
     slip_time : float
         Its correlation time, s.
     suspension : float
-        Factor of what the body does on its springs; with 0 body and axle are one.
+        Factor on the motion of the body on its springs; with 0 it moves with the axle.
     ferry : tuple of float or None
-        When a ferry leaves, s, and how long it is under way, s.
+        Departure of a ferry, s after the start, and the duration of its crossing, s.
     """
 
     mount: Triple = (0.0, 0.0, 0.0)
@@ -64,7 +64,7 @@ class Car:
 
     @property
     def slides(self) -> bool:
-        """The axle moves sideways."""
+        """Whether the axle moves sideways."""
         return self.sideslip != 0.0 or self.slip != 0.0
 
 
@@ -83,9 +83,9 @@ def drift(car: Car, random: np.random.Generator) -> Jet:
     Parameters
     ----------
     random : Generator
-        Of the slow slip.
+        Random numbers of the slow slip.
     """
-    # Quantiles of the Lorentzian below the fastest, each shaken within its share
+    # Frequencies at random within equal shares of the Lorentzian spectrum up to the highest
     share = (np.arange(_TONES) + random.random(_TONES)) / _TONES
     corner = 1.0 / (2.0 * np.pi * car.slip_time)
     w = 2.0 * np.pi * corner * np.tan(share * np.arctan(_FASTEST_HZ / corner))
@@ -112,7 +112,7 @@ def drift(car: Car, random: np.random.Generator) -> Jet:
 
 
 def ferry_levels(car: Car) -> Levels | None:
-    """Share of the ship's motion that the car takes part in, 0 to 1."""
+    """Fraction of the ship's motion that the car has, 0 to 1; it fades in and out."""
     if car.ferry is None:
         return None
     leaves, lasts = car.ferry
@@ -120,12 +120,12 @@ def ferry_levels(car: Car) -> Levels | None:
 
 
 def ferry(out: FloatArray, t: FloatArray, crossing: Levels) -> FloatArray:
-    """Add the motion of a ship that goes to the right of the car, in waves.
+    """Add the motion of a ship that sails to the right of the car, in waves.
 
     Parameters
     ----------
     out : ndarray, shape (n, COLUMNS)
-        Of the car on it; changed in place.
+        Motion of the car on the ship; changed in place.
     t : ndarray, shape (n,)
         s.
 
@@ -189,7 +189,7 @@ class AxleMotion:
     q_nv : ndarray, shape (n, 4)
         Attitude of the vehicle.
     velocity_v : ndarray, shape (n, 3)
-        Against the Earth, FRD of the vehicle, m/s.
+        Relative to the Earth, FRD of the vehicle, m/s.
     rate_v : ndarray, shape (n, 3)
         ``omega_iv_v``, rad/s.
     """

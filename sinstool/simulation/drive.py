@@ -14,9 +14,9 @@ from sinstool.simulation.truth import Trajectory, sample_times, turned
 _CRUISE = 14.0  # m/s, at which the suspension's motion has its full size
 _CORNER = 5.0
 _LEAN = np.deg2rad(0.5)  # of the body in a curve, outward, per m/s^2
-# Longest way from standing to standing, and from the stop to the ferry, s
+# Longest time from one stop to the next, and the rest after the ferry's arrival, s
 _LEG, _BOARDING = 95.0, 5.0
-# Of the car's own random numbers, apart from those of its roads
+# Added to the seed for the slip, so that the roads stay the same
 _SLIP_SEED = 3000
 
 
@@ -37,30 +37,32 @@ def road_drive(
 
     Parameters
     ----------
+    duration_s : float
+        Duration of the log, s, the rest at the start included.
     rate_hz : float
-        Of the samples.
+        Samples per second.
     latitude, longitude : float, optional
-        Of the start, rad.
+        Start, rad.
     height : float, optional
-        Ellipsoidal, of the start, m.
+        Ellipsoidal height of the start, m.
     heading : float, optional
         At the start, rad.
     still_s : float, optional
-        At rest before the drive, s.
+        Rest before the drive, s.
     seed : int, optional
-        Of the roads and of the suspension.
+        Seed of the roads and of the suspension.
     start_ns : int, optional
         First instant.
     car : Car, optional
-        How it slides and where the Imu is in it; without one the Imu itself follows the road.
+        How the car slides and where the Imu is in it; by default the Imu itself follows the road.
 
     Returns
     -------
     Trajectory
-        Of the Imu, in its own axes. Up to 17 m/s along the car's own axis; turns of 45 to 150
-        degrees at 5 m/s, stops of 5 to 20 s that are stops to the last bit, slopes up to 5
-        degrees. On its suspension the body pitches and rolls by 0.2 degrees and heaves by some
-        millimetres at 2 to 4 Hz, in proportion to speed, and it leans outward in turns.
+        Trajectory of the Imu, in its own axes. Speeds along the car's axis are up to 17 m/s; turns,
+        at 5 m/s, are 68 to 190 degrees each; stops last 5 to 20 s, at exactly zero speed; slopes
+        are up to 5 degrees. On its suspension the body pitches and rolls by 0.2 degrees and heaves
+        by some millimetres at 2 to 4 Hz, in proportion to speed, and it leans outward in turns.
     """
     times = sample_times(rate_hz, duration_s, start_ns)
     car = Car() if car is None else car
@@ -81,7 +83,7 @@ def _itinerary(
     boarding = np.inf if car.ferry is None else car.ferry[0]
     while t < duration_s:
         if car.ferry is not None and t + _LEG > boarding:
-            # stands on the ferry, from before it leaves until it has come
+            # stands still from before the ferry leaves until after it has arrived
             if moving:
                 speeds.append((t, 7.0, 0.0))
                 t, moving = t + 7.0, False
@@ -110,7 +112,7 @@ def _itinerary(
 def _roads(
     duration_s: float, still_s: float, random: np.random.Generator, car: Car, slip: Jet
 ) -> Motion:
-    """Motion of a car along its road, which shakes it on its suspension."""
+    """Motion of a car along a road that shakes it on its suspension."""
     speed, turn, slope = _itinerary(duration_s, still_s, random, car)
     frequency = random.uniform(2.0, 4.0, (4, 3))
     phase = random.uniform(0.0, 2.0 * np.pi, (4, 3))

@@ -23,7 +23,7 @@ _RADIUS = 10_000.0
 _BANK = np.deg2rad(2.0)
 _GRAVITY = 9.79549
 SPIRAL_SPEED = float(np.sqrt(_GRAVITY * _RADIUS * np.tan(_BANK)))
-"""Of the spiral, 58.486 m/s: circles of 10 km at 2 degrees of bank."""
+"""Speed of the spiral, 58.486 m/s, for circles of 10 km radius at 2 degrees of bank."""
 
 _CLIMB_PER_TURN = 20.0
 
@@ -46,12 +46,14 @@ def spiral_climb(
 
     Parameters
     ----------
+    duration_s : float
+        Duration, s.
     rate_hz : float
-        Of the samples.
+        Samples per second.
     latitude, longitude : float, optional
-        Of the start, rad.
+        Start, rad.
     height : float, optional
-        Ellipsoidal, of the start, m.
+        Ellipsoidal height of the start, m.
     heading : float, optional
         At the start, rad.
     start_ns : int, optional
@@ -89,28 +91,29 @@ def manoeuvring_flight(
 
     Parameters
     ----------
+    duration_s : float
+        Duration, s.
     rate_hz : float
-        Of the samples.
+        Samples per second.
     latitude, longitude : float, optional
-        Of the start, rad.
+        Start, rad.
     height : float, optional
-        Ellipsoidal, of the start, m.
+        Ellipsoidal height of the start, m.
     heading : float, optional
         At the start, rad.
     turbulence : float, optional
-        Factor of its angles; 0 for still air.
+        Factor on its angles; 0 for still air.
     seed : int, optional
-        Of the order of manoeuvres and of the turbulence.
+        Seed of the manoeuvres and of the turbulence.
     start_ns : int, optional
         First instant.
 
     Returns
     -------
     Trajectory
-        Turns are at 35 degrees of bank, 60 to 270 degrees each to either side, and coordinated
-        as in level flight;
-        vertical velocity is between -20 and +10 m/s, speed between 55 and 80 m/s. Turbulence
-        turns the body by some tenths of a degree at 0.3 to 2.5 Hz.
+        Turns are at 35 degrees of bank, 75 to 306 degrees each to either side, and coordinated as
+        in level flight; vertical velocity is between -20 and +10 m/s, speed between 55 and 80 m/s.
+        Turbulence turns the body by some tenths of a degree at 0.3 to 2.5 Hz.
     """
     times = sample_times(rate_hz, duration_s, start_ns)
     motion = _manoeuvres(duration_s, turbulence, np.random.default_rng(seed))
@@ -177,7 +180,7 @@ def _manoeuvres(duration_s: float, turbulence: float, random: np.random.Generato
 def add_sinusoids(
     out: FloatArray, t: FloatArray, frequency: FloatArray, phase: FloatArray, amplitude: FloatArray
 ) -> None:
-    """Shake the angles of a motion.
+    """Add sinusoids to the angles of a motion.
 
     Parameters
     ----------
@@ -186,7 +189,7 @@ def add_sinusoids(
     t : ndarray, shape (n,)
         s.
     frequency, phase, amplitude : ndarray, shape (k, m)
-        Of the first `k` of roll, pitch and yaw; Hz, rad, rad.
+        Sinusoids of the first `k` of roll, pitch and yaw; Hz, rad, rad.
     """
     for axis in range(len(frequency)):
         for f, p, a in zip(frequency[axis], phase[axis], amplitude[axis], strict=True):

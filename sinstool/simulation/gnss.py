@@ -19,14 +19,14 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class GnssErrors:
-    """Size of the errors: white noise, and a first-order Markov process beside it.
+    """Sizes of the errors: white noise plus a first-order Markov process.
 
     Attributes
     ----------
     position_white, position_markov : tuple of float
         Standard deviations of north, east and down, m.
     velocity_white, velocity_markov : tuple of float
-        The same, m/s.
+        The same of velocity, m/s.
     position_time, velocity_time : float
         Correlation times of the Markov processes, s.
     """
@@ -41,9 +41,9 @@ class GnssErrors:
 
 MODELS = {
     "perfect": GnssErrors(),
-    # White velocity noise, and a position that wanders: for alignment in flight.
+    # White noise of velocity, and a wandering position: for alignment in flight.
     "launch": GnssErrors((1.0, 1.0, 1.0), (4.9, 4.9, 4.9), 60.0, (0.1, 0.1, 0.1)),
-    # Coloured in both: for the filters that integrate INS and GNSS.
+    # Coloured noise of both: for the filters that integrate INS and GNSS.
     "coloured": GnssErrors(
         (2.0, 2.0, 3.0), (5.0, 5.0, 8.0), 200.0, (0.05, 0.05, 0.08), (0.1, 0.1, 0.15), 60.0
     ),
@@ -74,11 +74,13 @@ class GnssFaults:
     Attributes
     ----------
     outages : tuple of (start, end)
-        No fixes.
+        Without fixes.
+    jumps : tuple of Jump
+        Steps of the position.
     outlier_fraction : float
-        Probability that a fix is one.
+        Probability that a fix is an outlier.
     outlier_position, outlier_velocity : float
-        How far it is off, in a random direction, m and m/s.
+        Errors of an outlier, in random directions, m and m/s.
     flat : tuple of (start, end)
         Fixes without height: height and vertical velocity are NaN.
     without_velocity : tuple of (start, end)
@@ -96,7 +98,7 @@ class GnssFaults:
 
 @dataclass(frozen=True)
 class GnssSamples:
-    """Fixes, and the truth they were made from.
+    """Fixes, and the true motion behind them.
 
     Attributes
     ----------
@@ -109,10 +111,11 @@ class GnssSamples:
     velocity_n : ndarray, shape (m, 3)
         NED, m/s; NaN where missing.
     sigma_position, sigma_velocity : ndarray, shape (m, 3)
-        As the receiver would state it: that of the error model, without faults; m, m/s.
+        As the receiver would state them: those of the error model, without faults; m, m/s.
     outlier : ndarray of bool, shape (m,)
+        Whether the fix is an outlier.
     truth : Moments
-        Of the antenna, at the times at which the fixes are valid.
+        Motion of the antenna at the times at which the fixes are valid.
     """
 
     time_ns: IntArray
@@ -138,11 +141,15 @@ class Receiver:
     rate_hz : float
         Fixes per second.
     offset_s : float
-        From the trajectory's first instant to the first stamp; need not hit Imu samples.
+        From the trajectory's first instant to the first stamp; stamps may lie between Imu samples.
     latency_s : float
         From the time at which a fix is valid to its stamp.
     lever_arm_b : tuple of float
         From the Imu to the antenna, FRD, m.
+    errors : GnssErrors
+        Noise.
+    faults : GnssFaults
+        Faults; none by default.
     """
 
     rate_hz: float = 10.0
@@ -161,16 +168,16 @@ def gnss_samples(
     Parameters
     ----------
     seed : int
-        Of the random numbers. Errors do not depend on the faults: an outage or an outlier
-        leaves the other fixes as they were.
+        Seed of the random numbers. The noise does not depend on the faults: an outage or an outlier
+        leaves the other fixes unchanged.
     truth : Moments, optional
-        :func:`true_moments` of the same trajectory and receiver, to save interpolating it for
+        :func:`true_moments` of the same trajectory and receiver, which saves the interpolation for
         each of many seeds.
 
     Raises
     ------
     ValueError
-        If the receiver's numbers make no sense or no fix lies within the trajectory.
+        If the rate, the latency or the offset is impossible, or no fix lies within the trajectory.
     """
     motion = true_moments(trajectory, receiver) if truth is None else truth
     errors, faults = receiver.errors, receiver.faults
@@ -220,7 +227,7 @@ def true_moments(trajectory: Trajectory, receiver: Receiver) -> Moments:
     Raises
     ------
     ValueError
-        If the receiver's numbers make no sense or no fix lies within the trajectory.
+        If the rate, the latency or the offset is impossible, or no fix lies within the trajectory.
     """
     if not receiver.rate_hz > 0.0 or receiver.latency_s < 0.0 or receiver.offset_s < 0.0:
         raise ValueError("Expected a positive rate, and latency and offset of 0 or more.")
@@ -242,13 +249,13 @@ def _noise(
     n: int,
     step: float,
 ) -> FloatArray:
-    """Sum of both parts, shape (n, 3)."""
+    """White plus wandering noise, shape (n, 3)."""
     out = np.asarray(white) * random.standard_normal((n, 3))
     return np.asarray(out + np.asarray(wandering) * markov(n, step, correlation_time, random, 3))
 
 
 def _directions(random: np.random.Generator, n: int) -> FloatArray:
-    """Unit vectors of every direction alike, shape (n, 3)."""
+    """Unit vectors, uniformly distributed over all directions, shape (n, 3)."""
     drawn = random.standard_normal((n, 3))
     return np.asarray(drawn / np.linalg.norm(drawn, axis=1, keepdims=True))
 

@@ -30,7 +30,7 @@ def launch_profile(dynamics: float = 1.0, straight: bool = False) -> Profile:
     Parameters
     ----------
     dynamics : float, optional
-        Factor on the weaving and the turns after the boost; boost and rolls stay.
+        Factor on the weaving and the turns after the boost, not on boost and rolls.
     straight : bool, optional
         After the boost fly straight and level at constant speed, without any roll.
     """
@@ -123,11 +123,11 @@ def launch(
     rate_hz : float, optional
         Imu samples per second.
     duration_s : float, optional
-        From lift-off; the profile ends at 260 s.
+        Time from lift-off to the end, s; the profile ends at 260 s.
     latitude, longitude, height : float, optional
-        Of the site, rad and m, anywhere but at a pole.
+        Position of the site, rad and m, anywhere but at a pole.
     azimuth : float, optional
-        Of the launch from north, rad.
+        Azimuth of the launch, from north, rad.
     dynamics, straight : optional
         See :func:`launch_profile`.
     pad_s : float, optional

@@ -43,9 +43,9 @@ class SimulatedTopic:
     time_ns : ndarray of int64, shape (n,)
         Stamps and log times.
     columns : callable
-        Fields of a slice of rows, beside the stamp.
+        Fields of a slice of rows, without the stamp.
     strings : dict
-        Text fields.
+        Texts of string fields.
     lengths : dict
         Lengths of sequences.
     """
@@ -168,7 +168,7 @@ def imu_topic(sensor: ImuTruth, gyro_kind: str, axes: Axes) -> SimulatedTopic:
     Parameters
     ----------
     sensor : ImuTruth
-        With sensor errors.
+        Measured samples.
     gyro_kind : {'rate', 'mean-rate', 'increment'}
     """
     gyro, accel = {
@@ -205,8 +205,8 @@ def truth_topics(
     Parameters
     ----------
     trajectory : Trajectory, optional
-        Where the vehicle is; without one it stays at the origin. Positions are in the tangent
-        plane of the first one.
+        Motion of the vehicle; by default it stays at the origin. Positions are in the tangent plane
+        at the first one.
     """
 
     def imu(rows: slice) -> Columns:
@@ -237,7 +237,7 @@ def truth_topics(
         SimulatedTopic("/truth/odometry", "nav_msgs/msg/Odometry", truth.time_ns, odometry, frames),
     ]
     if trajectory is not None:
-        # Where the vehicle is on the Earth, which odometry's plane does not say
+        # Positions on the Earth, which the local positions of the odometry do not give
         topics.append(
             SimulatedTopic(
                 "/truth/fix",
@@ -251,7 +251,7 @@ def truth_topics(
 
 
 def bias_topic(errors: ImuErrors, axes: Axes) -> SimulatedTopic:
-    """``/truth/bias``: biases of the sensors once a second, as an Imu that reads nothing else."""
+    """``/truth/bias``: biases of the sensors once a second, in Imu messages."""
     step = np.searchsorted(
         errors.time_ns, np.arange(errors.time_ns[0], errors.time_ns[-1] + 1, 1_000_000_000)
     )
@@ -266,9 +266,9 @@ def bias_topic(errors: ImuErrors, axes: Axes) -> SimulatedTopic:
 
 
 def vehicle_topic(axle: AxleMotion, axes: Axes) -> SimulatedTopic:
-    """``/truth/vehicle``: attitude of a car, place and velocity of its rear axle.
+    """``/truth/vehicle``: attitude of a car, position and velocity of its rear axle.
 
-    Its place is in the tangent plane of its first one.
+    Positions are in the tangent plane at the first one.
     """
 
     def columns(rows: slice) -> Columns:
@@ -299,12 +299,12 @@ def fix_columns(latitude: np.ndarray, longitude: np.ndarray, height: np.ndarray)
 
 
 def resting_fixes(time_ns: np.ndarray, position: tuple[float, float, float]) -> SimulatedTopic:
-    """Exact fixes of a body that stays where it is.
+    """Exact fixes of a body at rest.
 
     Parameters
     ----------
     time_ns : ndarray of int64
-        Of the log's samples.
+        Instants of the log's samples.
     position : tuple of float
         Latitude, longitude (rad) and height (m).
     """

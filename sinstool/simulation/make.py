@@ -58,14 +58,20 @@ class Simulated:
 
     Attributes
     ----------
+    scenario : Scenario
+        Its options.
+    topics : list of SimulatedTopic
+        The contents of the log.
     truth, sensor : ImuTruth or None
-        Exact, and as measured; None for a turntable.
+        Exact samples, and measured ones; None for a turntable.
     errors : ImuErrors or None
-        Of the sensor, without its noise.
+        Errors of the sensor, without its noise.
     trajectory : Trajectory or None
-        Of a vehicle.
+        Motion of a vehicle over the Earth.
     rig : HseRigLog or None
-        Of a turntable.
+        The log of a turntable.
+    settings : dict of str to str
+        How the log was made, for its Metadata record.
     """
 
     scenario: scenarios.Scenario
@@ -81,7 +87,7 @@ class Simulated:
         settings = {"scenario": name_of(self.scenario)}
         plain = scenarios.Car()
         for name, value in self.scenario:
-            # an option of a car that does nothing is left out
+            # options of a car that have their neutral default are left out
             if value not in (None, ()) and getattr(plain, name, None) != value:
                 text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
                 settings[name] = text
@@ -115,7 +121,7 @@ class LogFiles:
     Attributes
     ----------
     rig : Path or None
-        A turntable as its user believes it to be, as TOML.
+        File for the rig as its user believes it to be, TOML.
     """
 
     log: Path
@@ -128,8 +134,9 @@ class LogFiles:
         Raises
         ------
         ConfigurationError
-            The name of the log promises another format.
+            If the name of the log has the suffix of another format.
         OutputError
+            If a file exists or cannot be written.
         """
         check_mcap_name(self.log, of_log=True)
         check_output(self.log, [], self.overwrite)
@@ -145,7 +152,7 @@ def simulate(scenario: scenarios.Scenario) -> Simulated:
     Raises
     ------
     ConfigurationError
-        No such log can be made.
+        If the options do not allow a log.
     """
     try:
         if isinstance(scenario, scenarios.HseRig):
@@ -165,7 +172,7 @@ def write_log(simulated: Simulated, files: LogFiles) -> dict[str, Any]:
     Returns
     -------
     dict
-        Output, as ``--json`` says it.
+        The values of ``--json``.
     """
     with commit_together():
         counts = write_simulated(files.log, simulated.topics, simulated.settings)
@@ -205,7 +212,7 @@ def _motion(scenario: scenarios.MotionScenario) -> Simulated:
 
 
 def _grade(scenario: scenarios.MotionScenario) -> SensorGrade:
-    """Of the sensors, with those of its errors that are asked for."""
+    """The grade of the sensors, with only those kinds of error that are switched on."""
     grade = SIMULATED_GRADES[scenario.grade]
     if isinstance(scenario, scenarios.Launch) and scenario.launch_grade is not None:
         grade = launch_grade(scenario.launch_grade, scenario.accel_unit_reading)
@@ -254,11 +261,11 @@ def _coning(s: scenarios.Coning) -> ImuTruth:
     times = sample_times(s.rate, s.duration + s.lead_in, START_NS)
     begin = int(np.searchsorted(times, START_NS + round(s.lead_in * 1e9)))
     if begin >= len(times) - 1:
-        raise ConfigurationError("--duration holds no sample interval")
+        raise ConfigurationError("--duration is shorter than one sample interval")
     truth = classical_coning(times[begin:], np.radians(s.half_angle_deg), s.frequency)
     if begin == 0:
         return truth
-    # A cone without an angle is a rest.
+    # A cone of angle 0 is a rest.
     rest = classical_coning(times[: begin + 1], 0.0, s.frequency, q_nc=truth.q_nb[0])
     return after_rest(truth, rest)
 
@@ -328,7 +335,7 @@ def _car(s: scenarios.Car) -> Car:
 
 
 def _car_topics(s: scenarios.Drive, trajectory: Trajectory) -> list[SimulatedTopic]:
-    """The wheels, and the truth of a car that is not that of its Imu."""
+    """The wheels, and the truth of the car where it differs from that of its Imu."""
     car = _car(s)
     topics = []
     if s.truth and (car != Car() or s.wheels != "none"):

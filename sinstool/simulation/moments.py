@@ -1,8 +1,8 @@
-"""True motion of a point of the body at any instant, between those of a trajectory.
+"""True motion of a point of the body at any instant, between the samples of a trajectory.
 
-Position is the quintic in Earth axes that has position, velocity and acceleration of the two
-instants around; velocity is its derivative. Attitude is the cubic rotation vector that has the
-attitudes and angular rates of both. For a motion of angular frequency w sampled every T, the
+Position is the quintic in Earth axes with the positions, velocities and accelerations of the two
+samples around; velocity is its derivative. Attitude is the cubic rotation vector with the attitudes
+and angular rates of both. For a motion of angular frequency w sampled every T, the
 quintic leaves (wT)^6/46080 of its amplitude and the cubic (wT)^4/384: at 200 Hz, of a vibration at
 43 Hz, 1e-4 and 9e-3, and of one at 1 Hz 2e-14 and 3e-9.
 """

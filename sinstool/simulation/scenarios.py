@@ -14,15 +14,15 @@ MAX_RATE_HZ = 1e6
 MAX_DURATION_S = 1e6
 LARGEST_LEAN = 0.5
 SHORTEST_FERRY_S = 30.0
-# What the sensors of a grade have beside noise and constant biases
+# Errors that the sensors of a grade may have besides noise and constant biases
 SCALE = "the scale factors of their grade"
 MISALIGNMENT = "axes that are off by the misalignments of their grade"
 DRIFT = "biases that wander as those of their grade"
 Positive = Annotated[float, Field(gt=0)]
 
 
-def _duration(seconds: float) -> Any:
-    return option(seconds, "length of the log in s", "S", gt=0, le=MAX_DURATION_S)
+def _duration(seconds: float, what: str = "length of the log in s") -> Any:
+    return option(seconds, what, "S", gt=0, le=MAX_DURATION_S)
 
 
 def _rate(hertz: float) -> Any:
@@ -54,9 +54,9 @@ def _part(on: bool, what: str) -> Any:
 class MotionScenario(Scenario):
     """A log of an Imu that moves or rests.
 
-    Sensors of a grade have white noise and constant biases. The other errors of its data sheet
-    are those of a vehicle's sensors, unless switched off. A motion about a point is there to show
-    one error, that of an algorithm, which scale factors would cover: they have to be asked for.
+    Sensors of a grade always have white noise and constant biases. The other errors of the grade
+    are on by default for a vehicle. They are off for a rotation about a point, which is there to
+    show the error of an algorithm, as scale factors would hide it.
     """
 
     duration: float = _duration(60.0)
@@ -74,19 +74,20 @@ class MotionScenario(Scenario):
     bias_drift: bool = _part(False, DRIFT)
 
     def check(self) -> None:
-        """There is an interval between samples."""
+        """Require at least one interval between samples."""
         if self.duration * self.rate < 1.0:
-            raise ConfigurationError("--duration holds no sample interval")
+            raise ConfigurationError("--duration is shorter than one sample interval")
 
 
 class Coning(MotionScenario):
     """Classical coning, exact for any angle, after an optional rest; the Earth does not turn."""
 
+    duration: float = _duration(60.0, "length of the coning in s, after --lead-in")
     half_angle_deg: float = option(1.0, "half angle of the cone in degrees", "DEG", gt=0, lt=90)
     frequency: float = option(
         10.0, "turns of the cone per second", "HZ", ge=-MAX_RATE_HZ, le=MAX_RATE_HZ
     )
-    lead_in: float = option(0.0, "rest before the coning, in s", "S", ge=0, le=MAX_DURATION_S)
+    lead_in: float = option(0.0, "rest before the coning in s", "S", ge=0, le=MAX_DURATION_S)
 
 
 class ConingPaper(MotionScenario):
@@ -104,12 +105,13 @@ class ConingPaper(MotionScenario):
         lt=90,
     )
     phase: Literal["consistent", "literal"] = option(
-        "consistent", "the paper's eq. 20 as its motion demands, or to the letter"
+        "consistent",
+        "eq. (20) of the paper as its motion requires (consistent), or as printed (literal)",
     )
     gyro_response: str = option(
         "cheb:6",
-        "low-pass filter of the gyro: none, cheb:N[,ripple dB,Hz], butter:N[,Hz], or a file with"
-        " lines of Hz,gain",
+        "low-pass filter of the gyro: none, cheb:ORDER[,RIPPLE_DB,HZ], butter:ORDER[,HZ], or a file"
+        " with lines of frequency and gain",
         "RESPONSE",
     )
     half_angle_deg: float = option(0.1, "half angle of the cone in degrees", "DEG", gt=0, lt=90)
@@ -130,7 +132,7 @@ class Static(MotionScenario):
 
 
 class TwoFrequency(MotionScenario):
-    """Two conings at once; where their frequencies differ by an update rate, they fold."""
+    """Two conings at once, which alias where their frequencies differ by the update rate."""
 
     half_angles_deg: tuple[Positive, Positive] = option(
         (0.1, 0.1), "half angles of the cones in degrees", "A,B"
@@ -182,7 +184,7 @@ class Vehicle(MotionScenario):
     heading: float = option(0.0, "heading at the start in degrees", "DEG")
     gnss_rate: float = _per_second(1.0, "fixes")
     gnss_model: Literal["perfect", "launch", "coloured"] = _receiver("coloured")
-    gnss_latency: float = option(0.0, "how much older a fix is than its stamp, in s", "S")
+    gnss_latency: float = option(0.0, "age of a fix at its time stamp, in s", "S")
     gnss_offset: float = option(0.0, "time from the first Imu sample to the first fix, in s", "S")
     lever_arm: tuple[float, float, float] = option(
         (0.0, 0.0, 0.0), "from the Imu to the antenna, in m, FRD", "X,Y,Z"
@@ -191,7 +193,7 @@ class Vehicle(MotionScenario):
         (), "span without fixes, in s from the start; repeatable", "START:END"
     )
     outages: tuple[Positive, Positive] | None = option(
-        None, "no fixes for LENGTH s in every EVERY s, the first after EVERY s", "LENGTH,EVERY"
+        None, "an outage of LENGTH s every EVERY s, the first after EVERY s", "LENGTH,EVERY"
     )
     gnss_flat: tuple[str, ...] = option(
         (), "span in which fixes have no height; repeatable", "START:END"
@@ -244,7 +246,7 @@ class Car(Group):
         "ROLL,PITCH,YAW",
     )
     axle_lever: float = option(
-        0.0, "how far the Imu is ahead of the rear axle, which follows the road, in m", "M"
+        0.0, "distance of the Imu ahead of the rear axle, which follows the road, in m", "M"
     )
     sideslip: float = option(
         0.0, "angle of slip outward for each m/s^2 of centripetal acceleration", "RAD/(M/S^2)"
@@ -261,7 +263,7 @@ class Car(Group):
     )
     ferry: tuple[float, float] | None = option(
         None,
-        "the car stands on a ferry that goes sideways at 3 m/s in waves, s from the start",
+        "the car stands on a ferry that goes sideways at 3 m/s in waves; in s from the start",
         "START,DURATION",
     )
     wheels: Literal["none", "odometry", "twist", "joint"] = option(
@@ -272,11 +274,9 @@ class Car(Group):
         20.0, "readings of the wheels per second", "HZ", gt=0, le=MAX_RATE_HZ
     )
     wheel_radius: float = option(0.31, "radius of the wheels of --wheels joint, in m", "M", gt=0)
-    wheel_scale: float = option(
-        0.0, "by how many per cent the wheels read too high", "PERCENT", gt=-100
-    )
+    wheel_scale: float = option(0.0, "excess of the wheel speeds in per cent", "PERCENT", gt=-100)
     wheel_latency: float = option(
-        0.0, "how much older readings of the wheels are than their stamps, in s", "S", ge=0, le=10
+        0.0, "age of the readings of the wheels at their time stamps, in s", "S", ge=0, le=10
     )
     wheel_slip: float = option(
         0.0,
@@ -291,14 +291,16 @@ class Car(Group):
     @classmethod
     def _sizes(cls, sizes: tuple[float, float]) -> tuple[float, float]:
         if min(sizes) < 0.0:
-            raise ValueError("no size of a vibration is below 0")
+            raise ValueError("the size of a vibration must be 0 or more")
         return sizes
 
     @field_validator("ferry")
     @classmethod
     def _crossing(cls, ferry: tuple[float, float] | None) -> tuple[float, float] | None:
         if ferry is not None and not (ferry[0] >= 0.0 and ferry[1] >= SHORTEST_FERRY_S):
-            raise ValueError(f"a ferry leaves at 0 s or later and takes {SHORTEST_FERRY_S:g} s")
+            raise ValueError(
+                f"a ferry leaves at 0 s or later and takes at least {SHORTEST_FERRY_S:g} s"
+            )
         return ferry
 
 
@@ -318,7 +320,7 @@ class Drive(Car, Vehicle):
 class Launch(Vehicle):
     """The flight of the alignment paper: boost, calm, glide with turns; 260 s."""
 
-    duration: float = _duration(260.0)
+    duration: float = _duration(260.0, "length of the flight in s, after --pad")
     rate: float = _rate(200.0)
     latitude: float = _latitude(41.25)
     longitude: float = _longitude(100.3)
@@ -380,7 +382,7 @@ class HseRig(Scenario):
     vrw: float = option(0.0, "noise of the accelerometers, micro-g/sqrt(Hz)", "UG/SQRT(HZ)", ge=0)
     encoder_lsb: float = option(0.0, "angle of one count of the encoder, arcsec", "ARCSEC", ge=0)
     encoder_delay: float = option(
-        0.0, "how much older encoder readings are than their stamps, microseconds", "US"
+        0.0, "age of the encoder's readings at their time stamps, microseconds", "US"
     )
     encoder_sign: Literal["1", "-1"] = option("1", "sign of the encoder's angle")
     ripple: float = option(0.0, "relative variation of the table's rate, once a turn", "X")
@@ -389,9 +391,12 @@ class HseRig(Scenario):
     )
 
     def check(self) -> None:
-        """The axis stands."""
+        """Require an axis that is nearly vertical."""
         if not math.hypot(self.tilt_north, self.tilt_east) < LARGEST_LEAN:
-            raise ConfigurationError(f"the axis leans by more than {LARGEST_LEAN} rad")
+            raise ConfigurationError(
+                f"the axis leans by {LARGEST_LEAN} rad or more",
+                "reduce --tilt-north and --tilt-east",
+            )
 
 
 SCENARIOS: dict[str, type[Scenario]] = {

@@ -13,7 +13,8 @@ from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.truth import ImuTruth, check_times
 
-# Gyro bias deg/h, accelerometer bias in the unit that is in doubt, scale, deg/sqrt(h), ug/sqrt(Hz)
+# Gyro bias in deg/h, accelerometer bias in m/s^2 or g (see launch_grade), scale error, angle random
+# walk in deg/sqrt(h), accelerometer noise in ug/sqrt(Hz)
 _GRADES = {
     "0.01": (0.01, 1e-5, 1e-5, 0.002, 5.0),
     "1": (1.0, 1e-3, 1e-4, 0.05, 50.0),
@@ -23,15 +24,16 @@ _GRADES = {
 
 @dataclass(frozen=True)
 class ImuErrors:
-    """What a simulated sensor was given beside white noise.
+    """Errors of a simulated sensor other than white noise.
 
     Attributes
     ----------
     time_ns : ndarray of int64, shape (n,)
     gyro_bias, accel_bias : ndarray, shape (n, 3)
-        Of each sample, with the part that wanders, rad/s and m/s^2, FRD.
+        Bias of each sample, its drift included, rad/s and m/s^2, FRD.
     gyro_matrix, accel_matrix : ndarray, shape (3, 3)
-        Scale errors on the diagonal, misalignments beside it; times the truth, the error.
+        Scale errors on the diagonal, misalignments off it; the error is this matrix times the
+        truth.
     """
 
     time_ns: IntArray
@@ -52,16 +54,17 @@ def measured(truth: ImuTruth, grade: SensorGrade, seed: int) -> tuple[ImuTruth, 
     Parameters
     ----------
     seed : int
-        Of the random numbers: the same seed gives the same errors. Biases and white noise do not
-        change with the sizes of the other errors.
+        Seed of the random numbers. Biases and white noise do not change with the sizes of the other
+        errors.
 
     Returns
     -------
     samples : ImuTruth
-        Rates, mean rates and increments carry the same noise, that of a mean over the
-        interval: random walk over the square root of the interval. Scale and misalignment
-        act on each of them by itself.
+        Rates, mean rates and increments have the same noise, that of a mean over the interval:
+        random walk over the square root of the interval. Scale error and misalignment act on each
+        of them separately.
     errors : ImuErrors
+        The errors that were added.
     """
     random = np.random.default_rng(seed)
     n = len(truth.time_ns)
@@ -91,7 +94,7 @@ def measured(truth: ImuTruth, grade: SensorGrade, seed: int) -> tuple[ImuTruth, 
 
 
 def _matrix(scale: float, misalignment: float, random: np.random.Generator) -> FloatArray:
-    """Scale errors on the diagonal, misalignments beside it."""
+    """Random scale errors on the diagonal, misalignments off it."""
     drawn = random.standard_normal((3, 3))
     return np.where(np.eye(3, dtype=bool), scale * drawn, misalignment * drawn)
 
@@ -147,23 +150,23 @@ def carry_over(decay: FloatArray, driven: FloatArray) -> None:
 def idling(
     samples: ImuTruth, standing: np.ndarray, accel: float, gyro: float, seed: int
 ) -> ImuTruth:
-    """Samples that an idling engine shakes.
+    """Samples with the vibration of an idling engine.
 
     Parameters
     ----------
     standing : ndarray of bool, shape (n,)
-        Where the vehicle stands with its engine on.
+        Whether the vehicle stands with its engine running.
     accel, gyro : float
         Root mean square of the three axes together, m/s^2 and rad/s.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
 
     Returns
     -------
     ImuTruth
-        Nine tenths of the size are the tone of a four-stroke engine's firing, which wanders
-        about 27 Hz, the rest what folds from everywhere: white. The same is added to values at
-        instants and to means.
+        A tone, the firing of a four-stroke engine at a frequency that wanders about 27 Hz, has 0.9
+        of the given size; white noise, for what aliases from higher frequencies, makes up the
+        rest. The same is added to values at instants and to means.
     """
     random = np.random.default_rng(seed)
     n, step = len(samples.time_ns), float(np.mean(samples.interval))
@@ -206,9 +209,9 @@ def launch_grade(gyro_bias_deg_h: str, accelerometer_unit: Literal["m/s^2", "g"]
     Returns
     -------
     SensorGrade
-        Repeatability and in-run stability both have the printed size, the latter with a
-        correlation time of 100 s; misalignment is half the scale error. Noise is not printed: it
-        is what such sensors have.
+        Repeatability and in-run stability both have the printed size, the latter with a correlation
+        time of 100 s; misalignment is half the scale error. The paper prints no noise; that of
+        typical sensors of such grades is taken.
     """
     gyro, accel, scale, walk, noise = _GRADES[gyro_bias_deg_h]
     gyro *= DEGREE / 3600.0
@@ -229,19 +232,19 @@ def launch_grade(gyro_bias_deg_h: str, accelerometer_unit: Literal["m/s^2", "g"]
 
 
 def saturated(samples: ImuTruth, gyro_range: float) -> ImuTruth:
-    """Samples of gyros that clip.
+    """Samples of gyros with a limited range.
 
     Parameters
     ----------
     samples : ImuTruth
-        As the gyros would give them without a limit.
+        Without the limit.
     gyro_range : float
         Largest reading of each axis, rad/s.
 
     Returns
     -------
     ImuTruth
-        Each mean and each value at an instant is limited, increments accordingly.
+        Values at instants and means are limited; increments follow from the means.
     """
     mean_rate = np.clip(samples.gyro_mean_rate, -gyro_range, gyro_range)
     return replace(
@@ -261,18 +264,18 @@ def barometer(
     white: float = 0.0,
     seed: int = 0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Height as a barometer gives it.
+    """Height measured by a barometer.
 
     Parameters
     ----------
     time_ns : array_like of int64, shape (n,)
-        Instants, increasing, two at least; at any distance from each other.
+        Instants, increasing, two at least; their spacing may vary.
     height : array_like, shape (n,)
         True, m.
     sigma : float, optional
-        Standard deviation of the error that wanders, a first-order Markov process, m.
+        Standard deviation of the wandering error, a first-order Markov process, m.
     correlation_time : float, optional
-        Of that process, s.
+        Correlation time of that process, s.
     white : float, optional
         Standard deviation of independent errors, m.
     seed : int, optional

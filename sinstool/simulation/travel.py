@@ -43,7 +43,7 @@ _ROWS = 8192  # intervals at a time
 
 
 class Levels:
-    """A quantity that goes from level to level, smoothly, four times differentiable.
+    """A quantity that changes smoothly between levels, four times differentiable.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def travel(
     Parameters
     ----------
     motion : Motion
-        Also asked for one interval before the start.
+        Also evaluated in the interval before the start.
     time_ns : array_like of int64, shape (n,)
         Instants, increasing, two at least.
     latitude, longitude : float

@@ -25,7 +25,7 @@ class ImuTruth:
     time_ns : ndarray of int64, shape (n,)
         Instants t[k].
     interval : ndarray, shape (n,)
-        Duration that the means of each row are over, s.
+        Length of the interval over which the means of each row are taken, s.
     gyro_rate : ndarray, shape (n, 3)
         ``omega_ib_b`` at the instants, rad/s.
     gyro_mean_rate : ndarray, shape (n, 3)
@@ -64,7 +64,7 @@ class Trajectory:
     height : ndarray, shape (n,)
         Ellipsoidal, m.
     velocity_n : ndarray, shape (n, 3)
-        Against the Earth, in NED, m/s.
+        Relative to the Earth, in NED, m/s.
     """
 
     imu: ImuTruth
@@ -80,19 +80,19 @@ class Trajectory:
 
 
 def turned(trajectory: Trajectory, q_vb: ArrayLike) -> Trajectory:
-    """The trajectory of an Imu that is mounted at an angle to it.
+    """The trajectory of an Imu whose axes are turned against those of a given trajectory.
 
     Parameters
     ----------
     trajectory : Trajectory
-        Of axes ``v`` at the Imu.
+        Trajectory of axes ``v`` at the same point.
     q_vb : array_like, shape (4,)
         From the Imu's axes ``b`` to ``v``.
 
     Returns
     -------
     Trajectory
-        The same place and velocity; samples and attitude are those of ``b``.
+        Same positions and velocities; samples and attitudes are those of ``b``.
     """
     imu = trajectory.imu
     q_bv = rotation.conjugate(q_vb)
@@ -109,14 +109,14 @@ def turned(trajectory: Trajectory, q_vb: ArrayLike) -> Trajectory:
 
 
 def sample_times(rate_hz: float, duration_s: float, start_ns: int = 0) -> IntArray:
-    """Instants of equal spacing, each rounded to a nanosecond of its own.
+    """Instants of equal spacing; each is rounded to a nanosecond, so that no error accumulates.
 
     Parameters
     ----------
     rate_hz : float
         Samples per second.
     duration_s : float
-        From the first instant to the last, or a part of an interval more.
+        From the first instant to the last; a remaining part of an interval is dropped.
     start_ns : int, optional
         First instant.
 
@@ -171,18 +171,20 @@ def check_times(time_ns: ArrayLike) -> tuple[IntArray, FloatArray]:
 
 
 def after_rest(motion: ImuTruth, rest: ImuTruth) -> ImuTruth:
-    """A rest that ends at the instant at which the motion begins.
+    """A motion with a rest before it.
 
     Parameters
     ----------
+    motion : ImuTruth
+        Of its first row only the angular rate and the specific force at the instant are used,
+        because the interval before it belongs to the rest.
     rest : ImuTruth
-        Its last instant is the motion's first; of the motion's first row nothing is used but
-        the rate at the instant, since the interval before it belongs to the rest.
+        Its last instant and attitude are the motion's first.
 
     Raises
     ------
     ValueError
-        The two do not meet.
+        If the two do not meet.
     """
     if rest.time_ns[-1] != motion.time_ns[0]:
         raise ValueError("the rest does not end where the motion begins")

@@ -17,8 +17,8 @@ class TableProfile:
     plateaus : sequence of (float, float)
         ``(rate, duration)``, rad/s and s; one at least.
     acceleration : float
-        rad/s^2 with which the table goes from one to the next. It begins and ends with the
-        first and last rate.
+        Acceleration between plateaus, rad/s^2. The table already turns at the first rate at the
+        beginning, and still at the last one at the end.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class TableProfile:
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Duration of the profile, s."""
         return float(self._start[-1])
 
     def angle(self, t: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -50,7 +50,7 @@ class TableProfile:
         Parameters
         ----------
         t : array_like
-            s; beyond the ends the table goes on as there.
+            Time, s; beyond both ends the rate stays constant.
 
         Returns
         -------

@@ -15,7 +15,7 @@ from sinstool.simulation.truth import Trajectory
 WHEEL_TOPIC = "/wheels"
 JOINTS = ("rear_left_wheel_joint", "rear_right_wheel_joint")
 _HALF_TRACK = 0.76  # m
-_STANDING = 1e-6  # m/s, what interpolation makes of a rest
+_STANDING = 1e-6  # m/s; slower is a rest with the error of interpolation
 _GRIP = 1.2  # m/s^2, beyond which wheels slip
 
 
@@ -28,15 +28,15 @@ class WheelSensor:
     rate_hz : float
         Readings per second.
     scale : float
-        By how much of itself a reading is too high.
+        Relative error: readings are ``1 + scale`` times the speed.
     latency_s : float
         From the time at which a reading is valid to its stamp.
     slip : float
-        Of the speed, for each m/s^2 of acceleration or braking beyond 1.2 m/s^2.
+        Slip as a fraction of the speed for each m/s^2 of acceleration or braking beyond 1.2 m/s^2.
     slipping : {'both', 'left'}
         Which wheels slip.
     noise : float
-        White, of a wheel that turns, m/s.
+        White noise of a turning wheel, m/s.
     """
 
     rate_hz: float = 20.0
@@ -56,7 +56,7 @@ class WheelReadings:
     time_ns : ndarray of int64, shape (n,)
         Stamps.
     speed : ndarray, shape (n, 2)
-        At the circumference of the left and the right wheel of the rear axle, m/s.
+        Circumferential speeds of the left and the right rear wheel, m/s.
     truth : ndarray, shape (n,)
         Forward speed of the axle when the readings are valid, m/s.
     """

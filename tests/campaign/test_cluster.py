@@ -192,7 +192,7 @@ def test_a_worker_that_sees_other_files_is_refused(address, tmp_path):
     with cluster_module._client(address, None) as client:
         before = [(log, sight(log))]
         log.write_bytes(b"two")
-        with pytest.raises(ConfigurationError, match=r"sees another .*log"):
+        with pytest.raises(ConfigurationError, match=r"sees a different .*log"):
             cluster_module._require_same_files(client, before, [])
         log.unlink()
         with pytest.raises(ConfigurationError, match=r"does not see .*log.*\(2 workers in all\)"):
@@ -207,7 +207,7 @@ def test_a_worker_that_sees_other_files_is_refused(address, tmp_path):
 
 def test_another_version_is_refused(address, monkeypatch):
     monkeypatch.setattr(version, "VERSION", "99.0")
-    with pytest.raises(ConfigurationError, match=r"has sinstool .*this is 99.0: pip install"):
+    with pytest.raises(ConfigurationError, match=r"has sinstool .*this machine 99.0: pip install"):
         outcomes([job(work.square, 2)], address)
 
 
@@ -250,5 +250,5 @@ def test_what_a_folder_looks_like(tmp_path):
     (bag / "bag_0.db3").rename(bag / "bag_1.db3")
     assert sight(bag) != before
     said, answers = what_differs([(bag, before)], [])
-    assert "sees another" in said and answers == []
+    assert "sees a different" in said and answers == []
     assert not_seen([Token(tmp_path / "never", "x")]) == tmp_path

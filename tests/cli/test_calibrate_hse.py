@@ -437,7 +437,7 @@ def test_plan(paper):
         (("--lean", "much"), "--lean: much are not numbers"),
         (("--lean", "8e-4,nan"), "--lean: 8e-4,nan are not numbers"),
         (("--arw", "inf"), "--arw is inf"),
-        (("--rates", "20"), "they give no slope"),
+        (("--rates", "20"), "too little to determine a slope"),
         (("--repeats", "0"), "no repeats"),
         (("--arw", "0"), "random walk of the gyro is not positive"),
         (("--latitude", "88"), "latitude is beyond 85 deg"),

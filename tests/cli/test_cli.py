@@ -268,7 +268,11 @@ WRONG = {
     "[output": "not valid TOML",
     "[align]\nalign = 'fixed'": "--align fixed needs an attitude",
     "[align]\ninitial_attitude = [1, 2, 3]": "--initial-attitude is given",
-    "[coning]\nbeta_gain = 2.0": "--coning is previous-3",
+    "[coning]\nbeta_gain = 2.0": "--beta-gain has no effect with --coning previous-3",
+    "[coning]\nconing = 'gyro-tuned'\nepsilon = 1.0": "--epsilon has no effect with",
+    "[coning]\nconing = 'singular-perturbation'\npassband = 9.0": "--passband has no effect with",
+    "[input]\nstart = '1e9999999'": "input.start = '1e9999999': '1e9999999' is a time that no log",
+    "[input]\ngnss_clock_offset = 1e300": "input.gnss_clock_offset = 1e+300: must be less than",
 }
 
 
@@ -303,7 +307,12 @@ def test_a_configuration_that_is_not_there(sinstool, tmp_path):
         (("--imu-rate", "0"), "--imu-rate 0.0: "),
         (("--start", "soon"), "--start 'soon': 'soon' is not a time"),
         (("--align", "fixed"), "give --initial-attitude"),
-        (("--sp-preset", "paper"), "choose singular-perturbation"),
+        (("--sp-preset", "paper"), "choose --coning singular-perturbation"),
+        (("--window", "1e308"), "--window 1e+308: must be less than or equal to 1000000000"),
+        (("--align-end", "1e308"), "--align-end 1e+308: must be less than or equal to 1000000000"),
+        (("--lift-off", "-1e308"), "--lift-off -1e+308: must be greater than or equal to"),
+        (("--lever-arm", "0,1e308,0"), "--lever-arm 1e+308: must be less than or equal to 1000000"),
+        (("--gnss-sigma-v", "1e308"), "--gnss-sigma-v 1e+308: must be less than or equal to"),
     ],
 )
 def test_wrong_options_are_named(sinstool, log, tmp_path, options, expected):
@@ -872,7 +881,7 @@ def test_info_takes_the_input_options(sinstool, log):
         ("coning", ("--rate", "inf"), "--rate inf: must be"),
         ("coning", ("--duration", "-1"), "--duration -1.0: must be greater than 0"),
         ("coning", ("--duration", "inf"), "--duration inf: must be"),
-        ("coning", ("--duration", "1e-4"), "no sample interval"),
+        ("coning", ("--duration", "1e-4"), "shorter than one sample interval"),
         ("coning", ("--seed", "-1"), "--seed -1: must be greater than or equal to 0"),
         ("coning", ("--frequency", "nan"), "--frequency nan: must be"),
         ("coning", ("--lead-in", "-1"), "--lead-in -1.0: must be greater than or equal to 0"),

@@ -258,7 +258,7 @@ def test_wrong_options_are_answered(compare, moving, arguments, message):
         ((), "give a LOG"),
         ((SAMPLE, "--paper"), "give a LOG"),
         ((SAMPLE, "--decimate", "0"), "--decimate 0: must be greater than or equal to 1"),
-        ((SAMPLE, "--decimate", "two"), "'two' is not whole numbers with commas between"),
+        ((SAMPLE, "--decimate", "two"), "'two' is not whole numbers separated by commas"),
         ((SAMPLE, "--window", "0"), "--window 0.0: must be greater than 0"),
         ((SAMPLE, "--tolerance", "-1"), "--tolerance -1.0: must be greater than or equal to 0"),
         ((SAMPLE, "--truth", "/truth/imu", "--reference", "optimal-4"), "not both"),

@@ -60,7 +60,7 @@ def test_mistakes_are_one_line_and_leave_nothing(sinstool, result, tmp_path):
         ((result, "-o", tmp_path / "x.xls"), "its suffix .xls is no format of sinstool export"),
         ((result, "-o", tmp_path / "x.jsn"), "did you mean"),
         ((result, "-o", tmp_path / "x"), "it has no suffix of sinstool export"),
-        ((STATIC, "-o", tmp_path / "x.csv"), "it is no result of sinstool"),
+        ((STATIC, "-o", tmp_path / "x.csv"), "it is not a result of sinstool"),
         ((result, "-o", tmp_path / "x.csv", "--format", "kml"), "contradict each other"),
         ((result, "-o", tmp_path / "x.csv", "--start", "99"), "no row between --start and --end"),
         ((result, "-o", tmp_path / "x.csv", "--start", "noon"), "is not a time"),

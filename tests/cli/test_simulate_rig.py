@@ -83,7 +83,7 @@ def test_rig_can_be_written_anew_while_the_log_is_new(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),
     [
-        (("--rates", "20,fast"), 2, "'20,fast' is not numbers with commas between"),
+        (("--rates", "20,fast"), 2, "'20,fast' is not numbers separated by commas"),
         (("--plateau", "0"), 2, "--plateau 0.0: must be greater than 0"),
         (("--encoder-rate", "-1"), 2, "--encoder-rate -1.0: must be greater than 0"),
         (("--latitude", "91"), 2, "--latitude 91.0: must be less than or equal to 90"),
@@ -92,7 +92,7 @@ def test_rig_can_be_written_anew_while_the_log_is_new(tmp_path):
         (("--heading", "nan"), 2, "--heading nan: must be a finite number"),
         (("--kappa", "0,inf,0"), 2, "--kappa inf: must be a finite number"),
         (("--arw", "-1"), 2, "--arw -1.0: must be greater than or equal to 0"),
-        (("--tilt-east", "2"), 2, "leans by more than"),
+        (("--tilt-east", "2"), 2, "the axis leans by"),
         (("--rates", "20", "--plateau", "0.001"), 2, "fewer than two samples"),
         (("--epsilon", "1,2"), 2, "is not 3 numbers"),
         (("--rig-out", "OUTPUT"), 1, "is named twice"),

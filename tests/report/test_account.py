@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from sinstool.pipelines.process.travel import Accuracy, Outages, Spread, Travel
-from sinstool.report.text.account import account, distance, duration, squares
+from sinstool.report.text.account import account, distance, duration, heading_origin, squares
 
 ACCURACY = Accuracy(Spread(0.25, 0.6), Spread(0.43, 1.1), Spread(4.1, 5.4), Spread(5.43, 8.5))
 
@@ -90,3 +90,20 @@ def test_innovations_far_from_what_was_expected_are_put_into_words():
 def test_lengths_of_time_and_way():
     assert [duration(s) for s in (20.0, 600.0, 7200.0)] == ["20 s", "10.0 min", "2.00 h"]
     assert [distance(m) for m in (12.34, 999.0, 1000.0)] == ["12.3 m", "999 m", "1.00 km"]
+
+
+@pytest.mark.parametrize(
+    ("refused", "north", "origin"),
+    [
+        ("", "true", "true north"),
+        ("", "magnetic", "magnetic north"),
+        ("", "none", "the magnetometer's north, which could not be verified"),
+        ("its field is disturbed", "none", ""),
+    ],
+)
+def test_a_magnetometer_shows_north_where_the_first_attitude_does_not(refused, north, origin):
+    result = run(mode="attitude", north=False)
+    compass = SimpleNamespace(refused=refused, north=north)
+    result.smoothing = SimpleNamespace(heading_lost=False, magnetometer=compass)
+    assert heading_origin(result) == origin
+    assert ("Nothing in the log shows north" in account(result)[1]) == (not origin)

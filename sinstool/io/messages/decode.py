@@ -13,10 +13,10 @@ from sinstool.core.parts import kernel, part
 from sinstool.io.messages.definitions import Definition
 from sinstool.io.messages.layout import NUMPY, Layout, LayoutError, Leaf, walk
 
-# Layouts kept per topic; a topic with more (JointState of ever-changing size) still decodes,
-# one message at a time.
+# Layouts kept for a topic. A topic with more of them (JointState messages of changing size) is
+# decoded one message at a time.
 MAX_LAYOUTS = 64
-# Bytes in one row of a column: a covariance of 6 x 6 takes 288.
+# Most bytes in one row of a column; a covariance of 6 x 6 takes 288
 MAX_ROW = 65536
 _BY_NAME = re.compile(r"^(?P<array>[^\[\]]+)\[(?P<names>[^=\[\]]+)=(?P<name>.*)\]$")
 
@@ -38,7 +38,7 @@ class Columns:
 
 
 class _Plan(NamedTuple):
-    """A layout as the arrays that the kernel needs, in its order."""
+    """A layout as arrays, in the order of the kernel's arguments."""
 
     length: int
     guard_offset: np.ndarray
@@ -54,8 +54,8 @@ class _Plan(NamedTuple):
 class Decoder:
     """Gathers columns from the messages of one topic.
 
-    Layouts are found from the bytes and kept, so that a batch of like messages costs one
-    compiled pass and no Python object per message.
+    Layouts are determined from the bytes and kept, so that a batch of messages of the same layout
+    takes one compiled pass and makes no Python object per message.
 
     Parameters
     ----------
@@ -65,12 +65,17 @@ class Decoder:
         Column name to the paths that make up one row of it, of equal type, such as
         ``{"gyro": ["angular_velocity.x", "angular_velocity.y", "angular_velocity.z"]}``. A path
         to a fixed array gives all its elements. ``position[name=table]`` is the element of
-        the sequence ``position`` that stands where the strings ``name`` say ``table``.
+        the sequence ``position`` at the index of the string ``table`` in the sequence ``name``.
+
+    Attributes
+    ----------
+    problem : str
+        Why the first message that is not valid could not be decoded; '' so far.
 
     Raises
     ------
     LayoutError
-        A column has too many elements; or, while decoding, its paths are of several types.
+        If a column has too many elements or, while decoding, its paths are of several types.
     """
 
     def __init__(self, definition: Definition, columns: Mapping[str, Sequence[str]]) -> None:
@@ -88,7 +93,7 @@ class Decoder:
         self.problem = ""
 
     def decode(self, buffer: np.ndarray, offset: np.ndarray, length: np.ndarray) -> Columns:
-        """Gather columns from the messages at some places of a buffer.
+        """Gather columns from messages in a buffer.
 
         Parameters
         ----------
@@ -138,7 +143,7 @@ class Decoder:
         return Columns(values, valid)
 
     def _empty(self, count: int) -> dict[str, np.ndarray]:
-        """Columns of zeros for messages of which not one could be laid out."""
+        """Columns of zeros for messages none of which has a valid layout."""
         empty = {}
         for name, paths in self.columns.items():
             dtype, width = self._dtypes.get(name, ("f8", len(paths)))
@@ -146,7 +151,7 @@ class Decoder:
         return empty
 
     def _prime(self, buffer: np.ndarray, offset: np.ndarray, length: np.ndarray) -> bool:
-        """Find the types of columns that the definition leaves open, from the first that fits."""
+        """Take types that the definition leaves open from the first message that fits it."""
         for index in range(len(offset)):
             plan = self._plan_for(buffer, int(offset[index]), int(length[index]))
             if plan is not None:
@@ -203,9 +208,9 @@ def _bases(sizes: np.ndarray) -> np.ndarray:
 
 
 def _declared(definition: Definition, path: str) -> tuple[str, int] | None:
-    """Type and count of a path as far as the definition alone tells them.
+    """Type and number of elements of a path, if the definition alone determines them.
 
-    So a batch of nothing but damaged messages still gives columns of the right type.
+    Then even a batch of damaged messages has columns of the right type.
     """
     match = _BY_NAME.match(path)
     *parents, last = (match["array"] if match else path).split(".")
@@ -227,7 +232,7 @@ def _declared(definition: Definition, path: str) -> tuple[str, int] | None:
 def _resolve(
     layout: Layout, path: str, payload: bytes, guards: list[tuple[int, bytes]]
 ) -> Leaf | None:
-    """The leaf a column path means in this layout; names it depends on become guards."""
+    """The leaf of a column's path in this layout; names that it depends on become guards."""
     match = _BY_NAME.match(path)
     if match is None:
         leaf = layout.leaves.get(path)
@@ -264,7 +269,7 @@ def _views(out: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @part()
 def _word(b, p):  # type: ignore[no-untyped-def]
-    # The compiler makes one load of it, wherever p lies; a loop over bytes stays a loop.
+    # The compiler makes a single load of this, at any alignment, but not of a loop over bytes.
     return _half(b, p) | np.uint64(_half(b, p + np.uint64(4))) << np.uint64(32)
 
 

@@ -22,10 +22,10 @@ _CODES = ("i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8")
 NUMPY = {np.dtype(code).name: code for code in _CODES}
 NUMPY |= dict.fromkeys(("bool", "byte", "char"), "u1")
 SIZES = {name: np.dtype(code).itemsize for name, code in NUMPY.items()}
-# Beyond this a sequence of messages is not laid out element by element: nothing we read needs it
-# and a hostile length must not cost memory.
+# Most elements of a sequence of messages or strings: no type that is read has more, and a hostile
+# length must not cost memory.
 MAX_ELEMENTS = 4096
-# Fields of one message that are laid out at most: types of nothing else than types take no bytes.
+# Most fields of one message. Nested empty types take no bytes, so that the size is no limit.
 MAX_FIELDS = 2**17
 
 
@@ -44,7 +44,7 @@ class Leaf:
     dtype : str
         numpy code without byte order, such as ``f8``.
     count : int
-        How many; 1 for a plain field, 0 for an empty sequence.
+        Number of elements; 1 for a plain field, 0 for an empty sequence.
     """
 
     offset: int
@@ -62,9 +62,9 @@ class Layout:
         Dotted path to Leaf. Elements of sequences of messages are ``path[i].field``; a string
         is a Leaf of bytes without its terminator.
     guards : list of (int, bytes)
-        What must stand at which offset for this layout to hold.
+        Offsets, and the bytes that a message must have there for this layout to apply.
     size : int
-        Bytes the fields take, in all.
+        Bytes that all fields take.
     big_endian : bool
         Byte order of the payload.
     """
@@ -101,7 +101,7 @@ def walk(definition: Definition, payload: bytes) -> Layout:
 
 
 class _Descent(ABC):
-    """All primitives of a message, one by one or in runs, with their paths."""
+    """Recursive descent through the fields of a message, with their paths."""
 
     def __init__(self, definition: Definition) -> None:
         self.definition = definition
@@ -110,11 +110,11 @@ class _Descent(ABC):
 
     @abstractmethod
     def _primitives(self, name: str, path: str, count: int) -> None:
-        """A run of primitives of one type; of strings one by one."""
+        """Handle a run of primitives of one type, or a single string."""
 
     @abstractmethod
     def _count(self, ftype: FieldType, path: str, run: bool) -> int:
-        """Elements of an array or a sequence; a run is of primitives without gaps."""
+        """Number of elements of an array or a sequence; `run`: of primitives without gaps."""
 
     def _message(self, name: str, prefix: str) -> None:
         for field_name, ftype in self.definition.fields(name):
@@ -140,7 +140,7 @@ class _Descent(ABC):
 
 
 class _Walker(_Descent):
-    """The recursive descent behind `walk`, with its position."""
+    """The descent that `walk` makes, with its position in the payload."""
 
     def __init__(self, definition: Definition, payload: bytes) -> None:
         super().__init__(definition)
@@ -197,7 +197,7 @@ class _Walker(_Descent):
 
     def _count(self, ftype: FieldType, path: str, run: bool) -> int:
         count = ftype.count if ftype.kind == "array" else self._length()
-        # Every element takes at least a byte (a string four), so a longer claim is a lie.
+        # Every element takes at least one byte, so a larger number is damage.
         if not run and count > len(self.payload) - self.pos:
             raise LayoutError(f"{path} declares {count} elements in {len(self.payload)} bytes")
         if not run and count > MAX_ELEMENTS:
@@ -250,7 +250,7 @@ def template(
 
 
 class _Builder(_Descent):
-    """Writes the payload of which `walk` makes the layout."""
+    """The descent that `template` makes: it writes a payload, whose layout `walk` then finds."""
 
     def __init__(
         self, definition: Definition, strings: dict[str, str], lengths: dict[str, int]

@@ -1,7 +1,7 @@
-"""Recorded logs as columns, in bounded memory: MCAP, ROS 1 bags and ROS 2 bags.
+"""Recorded logs as columns, in bounded memory: MCAP, ROS 1 bags, ROS 2 bags and ULog.
 
-`open_log` tells formats by content. A `Log` gives raw messages in batches; `streams` turns
-them into the columns of `sinstool.core.streams`.
+`open_log` recognises formats by content. A `Log` gives raw messages in batches, which `streams`
+turns into the columns of `sinstool.core.streams`.
 """
 
 from sinstool.io.readers.open import open_log

@@ -1,7 +1,7 @@
 """Index entries of an MCAP's attachments and metadata, read from the records.
 
-These records are copied byte for byte; one that contradicts itself would make the copy
-unreadable, or hand on data that are not what was recorded.
+These records are copied byte for byte. One that contradicts itself would make the copy unreadable,
+or pass on data that differ from what was recorded.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Index = records.AttachmentIndex | records.MetadataIndex
 
 
 class RecordError(ValueError):
-    """A record contradicts itself; the message says how, in words."""
+    """A record contradicts itself; the message says how."""
 
 
 def index_of(opcode: int, record: bytes, offset: int) -> Index | None:

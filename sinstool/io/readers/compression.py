@@ -13,10 +13,10 @@ from sinstool.core.memory import available
 from sinstool.io.readers.limits import MAX_BLOCK, ORDINARY_BLOCK
 
 _MAGICS = {"zstd": b"\x28\xb5\x2f\xfd", "lz4": b"\x04\x22\x4d\x18", "bz2": b"BZh91AY&SY"}
-# No measurement swells more; what does is a bomb, and in a damaged block it is left alone.
+# Largest factor by which real data expands; data that expands more is a decompression bomb.
 MOST_SWELLING = 1024
 _PIECE = 256
-# A block is in memory so many times at most: as it is in the file, unpacked, packed anew, written.
+# Most copies of a block in memory: as read, decompressed, compressed again, and written
 COPIES = 4
 
 _local = threading.local()
@@ -27,18 +27,18 @@ class CompressionError(ValueError):
 
 
 class UnknownCompressionError(CompressionError):
-    """The name of the compression is none we know."""
+    """The name of the compression is unknown."""
 
 
 def too_large(size: int, packed: int) -> str:
-    """Why a block is not taken, in words that follow its size; empty for one that is.
+    """Why a block is refused, in words that follow its size; empty for an accepted one.
 
     Parameters
     ----------
     size : int
         Bytes of its content.
     packed : int
-        Bytes of it in the file; as many as `size` where it is not compressed.
+        Bytes of it in the file; equal to `size` where it is not compressed.
     """
     if size <= ORDINARY_BLOCK:
         return ""
@@ -111,14 +111,14 @@ def decompress_prefix(name: str, data: bytes | memoryview, limit: int) -> bytes 
     Parameters
     ----------
     name : str
-        As for `decompress`. Where the data itself begins as zstd, lz4 or bz2 does, that decides.
+        As for `decompress`. Data with the magic bytes of zstd, lz4 or bz2 is taken for that.
     limit : int
-        Bytes beyond which nothing is taken.
+        Most bytes to return.
 
     Returns
     -------
     bytes-like
-        What comes before the first place that does not decompress. Nothing proves it right: a
+        The data before the first place that does not decompress. Nothing proves it correct: a
         changed byte may decompress to something else.
     """
     name = compression_of(data) or name
@@ -129,13 +129,13 @@ def decompress_prefix(name: str, data: bytes | memoryview, limit: int) -> bytes 
     limit = min(limit, ORDINARY_BLOCK, MOST_SWELLING * len(data) + _PIECE)
     out, good = _feed(name, data, 0, _PIECE, limit)
     if good < len(data) and len(out) < limit:
-        # Somewhere in the next piece: all that comes before that byte is still to be had.
+        # The damage lies in the next piece: recover everything before it byte by byte.
         out, _ = _feed(name, data[: good + _PIECE], good, 1, limit)
     return out
 
 
 def compression_of(data: bytes | memoryview) -> str:
-    """Compression of data by its first bytes; '' where they are of none that we know."""
+    """Compression of data by its first bytes; '' where it is unknown."""
     head = bytes(data[:10])
     return next((name for name, magic in _MAGICS.items() if head.startswith(magic)), "")
 

@@ -25,15 +25,15 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 Place = TypeVar("Place")
 
-# Results of `ahead` that are held at most.
+# Most results that `ahead` holds
 DEPTH = 3
 
 
 def ahead(work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     """Map ``work`` over ``items`` in a thread, in order, a few results ahead.
 
-    Decompression and checksums give up the interpreter lock, so reading overlaps with whatever
-    the caller does; the bound keeps memory flat.
+    Decompression and checksums release the interpreter lock, so reading overlaps with the work of
+    the caller; the bound limits memory.
 
     Yields
     ------
@@ -79,7 +79,7 @@ class FileLog(Log):
 
     def read_at(self, offset: int, length: int) -> bytes:
         """Bytes of the file; fewer where it ends, none beyond."""
-        # Places and lengths are what the file says; it can say more than a system call takes.
+        # Offsets and lengths come from the file, and may be more than a system call takes.
         if not 0 <= offset < self.size:
             return b""
         return os.pread(self._fd, min(length, self.size - offset), offset)
@@ -87,7 +87,7 @@ class FileLog(Log):
     def unpacked(
         self, name: str, size: int, offset: int, data_offset: int, data_length: int
     ) -> bytes | memoryview | str:
-        """Content of a chunk, and what is wrong with it in words.
+        """Decompressed content of a chunk, or why there is none.
 
         Parameters
         ----------
@@ -98,10 +98,15 @@ class FileLog(Log):
         offset, data_offset, data_length : int
             Where the chunk begins, and where its compressed content lies.
 
+        Returns
+        -------
+        bytes-like or str
+            The content; a str says what is wrong with the chunk.
+
         Raises
         ------
         UnsupportedLogError
-            The compression is none we know, and `salvage` is off.
+            The compression is unknown, and `salvage` is off.
         """
         if why := too_large(data_length, data_length):
             return f"a chunk has {data_length} bytes, {why}"
@@ -120,7 +125,7 @@ def read_ahead(
     size: Callable[[Place], int],
     batches: Callable[[Place], Iterator[RawBatch]],
 ) -> Iterator[RawBatch]:
-    """The batches of a log's places in their order, the next few unpacked meanwhile.
+    """The batches of a log's places in order, with the next few unpacked in a thread.
 
     Parameters
     ----------

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import BinaryIO
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
-# Of every version; only one of them is read.
+# Bags of every version begin so; only version 2.0 is read.
 ROSBAG1_MAGIC = b"#ROSBAG V"
 ULOG_MAGIC = b"ULog\x01\x125"
 MAGICS = {
@@ -14,7 +14,7 @@ MAGICS = {
     "sqlite": b"SQLite format 3",
     "ulog": ULOG_MAGIC,
 }
-# What people take for logs, by how it begins
+# Files that people may take for logs, by their first bytes
 OTHERS = {
     b"PK\x03\x04": "a zip archive: unpack it",
     b"\x1f\x8b": "compressed with gzip: unpack it with gunzip",
@@ -26,7 +26,7 @@ OTHERS = {
     b"\x89HDF": "an HDF5 file, or one of MATLAB, not a recorded log",
     b"\xa3\x95": "a DataFlash log of ArduPilot, which sinstool does not read",
 }
-# What a folder holds that is one log: a ROS 2 bag
+# File that marks a folder as one log: a ROS 2 bag
 METADATA = "metadata.yaml"
 _HEAD = 16
 

@@ -43,7 +43,7 @@ class Channel:
     schema_encoding, schema_text : str
         The definition carried by the log; the text may be empty.
     metadata : dict
-        Whatever the container keeps (QoS profiles, MD5 sums).
+        Further text of the container (QoS profiles, MD5 sums).
     """
 
     id: int
@@ -80,7 +80,7 @@ class Channel:
         Raises
         ------
         UnsupportedLogError
-            The encoding is not read, or the definition cannot be had.
+            The encoding is not supported, or there is no usable definition.
         """
         if self.message_encoding not in ("cdr", "ros1"):
             raise UnsupportedLogError(
@@ -102,21 +102,23 @@ class Log(ABC):
     Attributes
     ----------
     format : str
-        ``mcap``, ``rosbag1`` or ``rosbag2``.
+        ``mcap``, ``rosbag1``, ``rosbag2`` or ``ulog``.
     profile : str
-        ``ros1`` or ``ros2`` or what an MCAP header says.
+        ``ros1`` or ``ros2``, or the profile of an MCAP's header.
     size : int
         Bytes on disk.
     salvage : bool
-        Whether damaged parts are passed over (and noted in `lost`) instead of refused.
+        Whether damaged parts are skipped (and recorded in `lost`) instead of refused.
     lost : list of Lost
-        What was passed over, or recovered without proof.
+        Parts that were skipped, or recovered without proof.
+    channels : dict of int to Channel
+        By id.
     parts : list of Log
-        The files that it consists of, opened, in order; empty where it is one file.
+        The opened files of a log of several files, in order; empty for a single file.
     counts : dict of int to int
-        Messages by channel as the log itself declares them, where it does; not checked.
+        Messages by channel as the log itself declares them; empty where it does not. Not checked.
     recovered : dict of int to int
-        Messages by channel that the last whole pass gave; counted when `salvage` is on.
+        Messages by channel that the last complete pass gave; counted when `salvage` is on.
     """
 
     format: str
@@ -175,7 +177,7 @@ class Log(ABC):
             self._cache.end(complete)
 
     def cache(self, channels: Collection[int]) -> None:
-        """Let the next pass fill a cache of small channels, which will be read too."""
+        """Have the next pass read small channels as well, and cache their messages."""
         self._cache = SideChannelCache(channels)
 
     def _pass(
@@ -184,7 +186,7 @@ class Log(ABC):
         through: frozenset[int] | None,
         cache: SideChannelCache | None,
     ) -> Iterator[RawBatch]:
-        """The selected messages, from a pass over the log that reads others too, for the cache."""
+        """The selected messages, from a pass over the log that may also fill the cache."""
         undefined: dict[int, int] = {}
         counts: dict[int, int] = {}
         latest: int | None = None
@@ -192,7 +194,7 @@ class Log(ABC):
         for batch in self._read(through):
             if not len(batch):
                 continue
-            # Behind a record whose length was a lie the walk takes a step back.
+            # After a record with a wrong length the walk takes a step back.
             reached = max(reached, batch.position)
             if batch.position < reached:
                 batch = replace(batch, position=reached)
@@ -238,7 +240,7 @@ class Log(ABC):
         """A batch without messages of channels the log never defines, which are noted."""
         numbers: Iterable[int] = ()
         low, high = int(batch.channel.min()), int(batch.channel.max())
-        # sorting out which there are costs more than reading; mostly all between are known
+        # Finding the distinct numbers costs more than reading; usually all in the range are known
         if high - low >= len(self.channels) or not self.channels.keys() >= {*range(low, high + 1)}:
             numbers = np.unique(batch.channel).tolist()
         strange = [number for number in numbers if number not in self.channels]
@@ -250,17 +252,17 @@ class Log(ABC):
         return batch.select(self.channels.keys()) if strange else batch
 
     def refuse(self, what: str, offset: int | None = None) -> None:
-        """Raise `DamagedLogError` of damage, unless it is to be passed over."""
+        """Raise `DamagedLogError`, unless `salvage` is on."""
         if not self.salvage:
             raise DamagedLogError(self.path, what, SALVAGE_HINT, offset)
 
     def damage(self, what: str, offset: int | None = None, kind: str = "record") -> None:
-        """Refuse damage, or note it as a part that is lost (see `Lost`)."""
+        """Refuse damage, or with `salvage` record it as a lost part (see `Lost`)."""
         self.refuse(what, offset)
         self.note_lost(Lost(what, kind, offset))
 
     def note_lost(self, part: Lost, always: bool = False) -> Lost:
-        """Remember a passed-over part, once (see `LostParts.note`)."""
+        """Record a skipped part, once (see `LostParts.note`)."""
         return self._lost.note(part, always)
 
     def account(self) -> LogLosses:

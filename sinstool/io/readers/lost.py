@@ -7,7 +7,7 @@ from typing import Any
 
 from sinstool.core.finding import Finding, Severity
 
-# A log damaged in more places than this is not described place by place.
+# Most lost parts of a log that are described one by one
 MAX_PARTS = 1000
 
 
@@ -18,13 +18,14 @@ class LogLosses:
     Attributes
     ----------
     parts : tuple of str
-        In words.
+        Description of each.
     places : tuple of dict
         The same with the keys of :meth:`Lost.as_json`.
     chunks : int
-        How many of them are chunks.
+        Number of lost chunks.
     messages_read, messages_declared : int or None
-        In the channels that were read; None if nothing was lost, or if the log does not say.
+        Messages in the channels that were read; None if nothing was lost, or if the log does not
+        declare them.
     """
 
     parts: tuple[str, ...]
@@ -53,15 +54,15 @@ class Lost:
         Bytes of the file between which it lies.
     start_ns, end_ns : int or None
         Log times between which nothing, or only part, was recovered. None where nothing was
-        read before it, or behind it.
+        read before it, or after it.
     declared : int or None
-        Messages that were there, where the log itself still says so.
+        Messages that the part held, where the log itself still declares them.
     recovered : int or None
         Messages recovered from the part itself.
     proved : bool
-        A CRC says that what was recovered is right.
+        Whether a CRC proves that the recovered messages are correct.
     file : str
-        Which file, in a bag of several.
+        Name of the file, in a bag of several.
     """
 
     what: str
@@ -82,7 +83,7 @@ class Lost:
             where.append(f"at byte {self.offset}{to}")
         if self.recovered is not None:
             of = f" of {self.declared}" if self.declared is not None else ""
-            proof = ", as their CRC says" if self.proved else ", unproved"
+            proof = ", proved by their CRC" if self.proved else ", unproved"
             where.append(f"{self.recovered}{of} messages kept{proof if self.recovered else ''}")
         elif self.declared is not None:
             where.append(f"{self.declared} messages")
@@ -118,9 +119,9 @@ class LostParts:
     Attributes
     ----------
     parts : dict
-        By what makes them one part.
+        By text and offset.
     more : bool
-        There are more than are described.
+        Whether there are more than are described.
     """
 
     parts: dict[tuple[str, int | None], Lost] = field(default_factory=dict)
@@ -128,12 +129,12 @@ class LostParts:
     _open: list[Lost] = field(default_factory=list)
 
     def note(self, part: Lost, always: bool = False) -> Lost:
-        """Remember a part; the one that was noted before, where it is the same.
+        """Record a part, and return it, or the equal one recorded before.
 
         Parameters
         ----------
         always : bool
-            However many there are already: it says that reading was given up.
+            Record it beyond the limit too, as it says that reading was given up.
         """
         key = part.what, part.offset
         same = self.parts.get(key)
@@ -148,12 +149,12 @@ class LostParts:
         return part
 
     def between(self, position: int, before_ns: int | None, after_ns: int | None) -> None:
-        """Give the parts that lie before a place of the file their log times.
+        """Set the log times of the parts that lie before a position in the file.
 
         Parameters
         ----------
         position : int
-            Byte at which what was read last ends.
+            Byte at which the messages read last end.
         before_ns, after_ns : int or None
             Log times of the messages on either side of it.
         """
@@ -161,7 +162,7 @@ class LostParts:
             self._open.remove(part)
             span = [before_ns, after_ns]
             if before_ns is not None and after_ns is not None:
-                span.sort()  # chunks may overlap, and then the log goes on before it stopped
+                span.sort()  # chunks may overlap in time
             part.start_ns, part.end_ns = span
 
     @property
@@ -171,7 +172,7 @@ class LostParts:
 
     def all(self) -> list[Lost]:
         """The parts, in the order of their discovery."""
-        last = [Lost(f"and more than these {MAX_PARTS} places")] if self.more else []
+        last = [Lost(f"more than the {MAX_PARTS} places listed")] if self.more else []
         return [*self.parts.values(), *last]
 
 

@@ -1,7 +1,7 @@
 """MCAP logs: their channels, and their messages in file order.
 
-The summary, where it can be trusted, saves the discovery of channels and the decompression of
-chunks nobody asked for, and no more: messages always come from the walk over the records.
+A summary that can be trusted only saves the search for channels and the decompression of chunks
+that are not needed: messages always come from the walk over the records.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class McapLog(McapFile):
     Parameters
     ----------
     salvage : bool
-        Pass over damaged chunks and a missing end, and note them in `lost`.
+        Skip damaged chunks, accept a missing end, and record both in `lost`.
 
     Raises
     ------
@@ -64,13 +64,13 @@ class McapLog(McapFile):
         self.chunk_channels: dict[int, frozenset[int]] = {}
         self.schemas: dict[int, records.Schema] = {}
         self.schema_ids: dict[int, int] = {}
-        # Messages by channel of each chunk that was ever walked, by the chunk's offset
+        # Messages by channel of each chunk that was read, by the chunk's offset
         self.chunk_counts: dict[int, dict[int, int]] = {}
-        # Offsets of chunks whose CRC was found right, and of those that are not whole or define
-        # something else than the log
+        # Offsets of chunks whose CRC matches, and of those that are damaged or whose definitions
+        # differ from those of the log
         self._sound: set[int] = set()
         self.broken: set[int] = set()
-        self._agreeing: set[bytes] = set()  # definitions inside chunks that were found right
+        self._agreeing: set[bytes] = set()  # definitions inside chunks that agree with the log
         self._defined = 0
         self._counts_proved = False
         try:
@@ -121,7 +121,7 @@ class McapLog(McapFile):
             and said == len(name).to_bytes(4, "little")
             and len(body) == 64 + length + len(name)
         ):
-            # As nearly always: mcap's own class takes longer than reading a chunk's head does
+            # The usual case: mcap's own class would take longer than reading a chunk's head
             (start,) = struct.unpack_from("<Q", body, 16)
             return start, frozenset(struct.unpack_from("<" + "H8x" * (length // 10), body, 36))
         index = self._parse(records.ChunkIndex, body, offset)
@@ -171,7 +171,7 @@ class McapLog(McapFile):
                 index = self._chunk_index(body, start + pos)
                 if index is not None:
                     chunk_starts.append(index[0])
-                # What is not proved does not decide what is left out.
+                # Only a proved index may decide which chunks are skipped.
                 if index is not None and index[1] and crc:
                     self.chunk_channels[index[0]] = index[1]
             pos += 9 + length
@@ -183,7 +183,7 @@ class McapLog(McapFile):
         for channel in channels:
             self._add_channel(channel)
         self.counts = dict(statistics.channel_message_counts)
-        # What a CRC covers was written so; some writers leave the counts out.
+        # A CRC proves the counts; some writers leave them out.
         self._counts_proved = bool(crc and self.counts)
         return True
 
@@ -210,7 +210,7 @@ class McapLog(McapFile):
                 self._define(op, records_[at : at + length].tobytes(), offset)
 
     def _contradicts(self, chunk: np.ndarray) -> bool:
-        """Whether a chunk defines schemas or channels otherwise than the log as a whole."""
+        """Whether definitions in a chunk differ from those of the log as a whole."""
         pos, count, places = 0, 1, np.empty((3, 1024), np.int64)
         while count:
             count, pos = definitions_mcap(chunk, pos, places)
@@ -240,7 +240,7 @@ class McapLog(McapFile):
         )
 
     def _whole_parts(self, place: ChunkPlace) -> list[np.ndarray]:
-        """The records of a chunk, without the damaged ones where they are passed over."""
+        """The records of a chunk; with `salvage` without the damaged ones."""
         chunk = None if place.problem else self._load(place)
         if isinstance(chunk, np.ndarray):
             _, stop = run_mcap(chunk, 0)
@@ -280,7 +280,7 @@ class McapLog(McapFile):
     # -- walking ---------------------------------------------------------------------------
 
     def _load(self, place: ChunkPlace) -> np.ndarray | str:
-        """A chunk's records, decompressed and checked, and what is wrong with them in words."""
+        """A chunk's records, decompressed and checked; a str says what is wrong with them."""
         raw = self.unpacked(
             place.compression, place.size, place.offset, place.data_offset, place.data_length
         )
@@ -307,7 +307,7 @@ class McapLog(McapFile):
         return content, parts, proved
 
     def _salvaged_batch(self, place: ChunkPlace, what: str) -> RawBatch:
-        """The whole messages of a damaged chunk; the losses are recorded."""
+        """The intact messages of a damaged chunk; the losses are recorded."""
         content, parts, proved = self._salvaged(place)
         rows = np.concatenate(
             [np.empty((6, 0), np.int64), *(_rows(content, part) for part in parts)], axis=1
@@ -330,7 +330,7 @@ class McapLog(McapFile):
                 proved,
             )
         )
-        # as if it ended where it begins, so that what is missing lies between it and the next
+        # At the position of its start, so that the loss lies between it and the next chunk
         return batch_of(content, rows, place.offset)
 
     def _indexed(self, place: ChunkPlace) -> int | None:
@@ -362,7 +362,7 @@ class McapLog(McapFile):
         return batches[0]
 
     def _chunk_batches(self, place: ChunkPlace) -> Iterator[RawBatch]:
-        """The messages of one chunk, so many at a time."""
+        """The messages of one chunk, in batches of bounded size."""
         chunk = place.problem or self._load(place)
         counts: dict[int, int] = {}
         if self.salvage and not isinstance(chunk, str) and run_mcap(chunk, 0)[1] < len(chunk):
@@ -373,7 +373,7 @@ class McapLog(McapFile):
                 out = np.empty((6, min(ROWS, (len(chunk) - pos) // MIN_MESSAGE + 1)), np.int64)
                 count, pos, why = scan_mcap(chunk, pos, out, False)
                 if why not in (END, FULL):
-                    what = f"a record inside a chunk runs over its end (at {pos})"
+                    what = f"a record inside a chunk runs over its end (at byte {pos} of it)"
                     self.damage(what, place.offset, "chunk")
                 _add(counts, out[0, :count])
                 in_messages += int(out[2, :count].sum()) + count * MIN_MESSAGE
@@ -410,12 +410,12 @@ class McapLog(McapFile):
                 self._check_count(channel, totals.get(channel, 0))
 
     def _check_count(self, channel: int, count: int) -> None:
-        """Records whose kind was changed are seen by nothing else than the log's own count."""
+        """Compare with the log's own count: nothing else shows that a record's opcode changed."""
         declared = self.counts.get(channel, 0)
         if count != declared:
             what = (
-                f"topic {self.channels[channel].topic} has {count} messages, and"
-                f" {declared} by the log's own count"
+                f"topic {self.channels[channel].topic} has {count} messages, but the log's own"
+                f" count is {declared}"
             )
             self.note_lost(Lost(what, "count"))
 
@@ -425,7 +425,7 @@ _COLUMNS = ("channel", "offset", "length", "log_time", "publish_time", "sequence
 
 
 def _add(counts: dict[int, int], channels: np.ndarray) -> None:
-    """Add so many messages to those of each channel."""
+    """Count the messages of each channel."""
     numbers = np.bincount(channels)
     for channel in np.flatnonzero(numbers).tolist():
         counts[channel] = counts.get(channel, 0) + int(numbers[channel])

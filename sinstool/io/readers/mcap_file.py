@@ -1,8 +1,8 @@
 """An MCAP file as bytes: its top-level records in file order.
 
 The data section is always walked record by record (a handful of reads per chunk), so chunked and
-unchunked files, with or without indexes, take one path. Behind damage, when that is to be passed
-over, the walk goes on at the next place that can be a record.
+unchunked files, with or without indexes, are handled alike. With `salvage`, the walk goes on after
+damage at the next place that can be a record.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class ChunkPlace:
         Of the compressed records.
     problem : str
         What is wrong with the record itself: it is cut short, or its lengths contradict each
-        other. Such a place is given when `salvage` is on only.
+        other. Such a place is given with `salvage` only.
     """
 
     offset: int
@@ -68,7 +68,7 @@ class ChunkPlace:
 
     @property
     def compressed(self) -> bool:
-        """Whether its records are packed."""
+        """Whether its records are compressed."""
         return self.compression not in ("", "none")
 
 
@@ -109,8 +109,8 @@ class McapFile(FileLog):
         """Top level of the data section in file order; runs of messages come as batches."""
         pos = len(MAGIC)
         end = self.size - len(MAGIC) if self.complete else self.size
-        # Where a search begins if what follows turns out damaged: the record before may have
-        # told a wrong length.
+        # Where a search begins if the next record is damaged: the record before may have had a
+        # wrong length.
         doubt = pos
         while pos < end:
             head = self.read_at(pos, 9)
@@ -126,11 +126,11 @@ class McapFile(FileLog):
             elif len(head) < 9:
                 what = "the file ends inside a record"
             elif op == 0 or length > end - pos - 9:
-                what = f"a record (opcode {op}) declares {length} bytes, more than left"
+                what = f"a record (opcode {op}) declares {length} bytes, more than are left"
             elif op in (Opcode.DATA_END, Opcode.FOOTER):
                 if self._ends_data(pos + 9 + length):
                     return
-                what = "the data end here, but not the file"
+                what = "the data section ends here, but the file does not"
             elif op != Opcode.CHUNK and pos in self.chunk_starts:
                 what = f"the index lists a chunk where there is a record of opcode {op}"
             else:
@@ -251,7 +251,7 @@ class McapFile(FileLog):
         self.refuse(what, pos)
         if place is not None and place.compression in ("", "lz4", "zstd"):
             return replace(place, data_length=end - place.data_offset, problem=what)
-        # Its compression cannot be read: the data tell, or else are records as they are.
+        # The compression cannot be read: the data show it, or else are plain records.
         head = self.read_at(pos, min(512, end - pos))
         if len(head) < 37:
             self.note_lost(Lost(what, "chunk", pos, end))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 IMU_TYPE = "sensor_msgs/msg/Imu"
 FIX_TYPE = "sensor_msgs/msg/NavSatFix"
-# Of gpsd and others, by its ROS 2 and its ROS 1 package: fields of a NavSatFix and a velocity.
+# From gpsd and others, by its ROS 2 and its ROS 1 package: a fix with a velocity
 GPS_FIX_TYPES = ("gps_msgs/msg/GPSFix", "gps_common/msg/GPSFix")
 FIX_TYPES = (FIX_TYPE, *GPS_FIX_TYPES)
 PRESSURE_TYPE = "sensor_msgs/msg/FluidPressure"

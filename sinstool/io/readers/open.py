@@ -29,7 +29,7 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
         :class:`~sinstool.io.readers.log.Log` with a class method ``recognises(path, head)``,
         where ``head`` is the first 16 bytes.
     salvage : bool
-        Pass over damaged parts and note them in ``lost``.
+        Skip damaged parts and record them in ``lost``.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
     DamagedLogError
         The log is damaged and `salvage` is off.
     UnsupportedLogError
-        It uses something we do not read.
+        It uses an encoding, compression or version that sinstool does not read.
     """
     keep_freed()
     path = Path(path)
@@ -49,7 +49,7 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
 
         return Rosbag2Log(path, salvage)
     if not path.is_file():
-        # It would be waited for, and cannot be read twice.
+        # Reading it could block, and it cannot be read twice.
         raise NotALogError(path, "is a device or a pipe", "write what comes through it to a file")
     try:
         with path.open("rb") as stream:

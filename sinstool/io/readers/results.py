@@ -25,7 +25,7 @@ def _paths(stem: str, axes: Sequence[str]) -> list[str]:
     return [f"{stem}.{axis}" for axis in axes]
 
 
-# What is read of each topic
+# Columns that are read from each topic, with the paths of their fields
 COLUMNS: Mapping[str, Mapping[str, list[str]]] = {
     "imu": {
         "q": _paths("orientation", XYZW),
@@ -71,24 +71,27 @@ class ResultBlock:
     Attributes
     ----------
     solution : Solution
-        Rates and specific force are NaN where the result does not have them.
+        Angular rates and specific forces are NaN if the result does not have them.
     local_n : ndarray, shape (n, 3), or None
-        Position from the origin of the reference frame, NED, m; None where there is none.
+        Position from the origin of the reference frame, NED, m; None without a position.
     q_nv : ndarray, shape (n, 4), or None
-        Attitude of the vehicle that the sensor is mounted in, where that is known.
+        Attitude of the vehicle that the sensor is mounted in; None if it is unknown.
+    has_rates : bool
+        Whether the result has angular rates and specific forces, the same for all its blocks.
     """
 
     solution: Solution
     local_n: np.ndarray | None = None
     q_nv: np.ndarray | None = None
+    has_rates: bool = True
 
     def __len__(self) -> int:
         return len(self.solution)
 
     def rows(self, which: slice | np.ndarray) -> ResultBlock:
         """Rows by slice, mask or index array."""
-        also = (None if one is None else one[which] for one in (self.local_n, self.q_nv))
-        return ResultBlock(self.solution.rows(which), *also)
+        local, q_nv = (None if one is None else one[which] for one in (self.local_n, self.q_nv))
+        return ResultBlock(self.solution.rows(which), local, q_nv, self.has_rates)
 
 
 class ResultReader:
@@ -99,18 +102,18 @@ class ResultReader:
     log : Log
         An MCAP that ``sinstool process`` wrote, or a bag with its topics.
     body_axes : {'flu', 'frd'}
-        Of the log that was processed, which its result keeps.
+        Body axes of the log that was processed, which are also those of the result.
     world : {'enu', 'ned'}
-        Of the orientations, where no topic has a frame_id that says it.
+        World of the orientations, used where no topic has a frame_id that gives it.
     progress : callable, optional
         Called with the bytes of the log read so far.
 
     Attributes
     ----------
     topics : tuple of str
-        What the result has, by the names of ``--emit``.
+        Topics of the result that are read, by the names of ``--emit``.
     reference : str
-        Frame id of the attitudes; '' where no topic says it.
+        Frame id of the attitudes; '' where no topic gives it.
     losses : Losses
         Counts the messages that do not fit their definition, and rows that hold no attitude.
 
@@ -142,7 +145,7 @@ class ResultReader:
         if source is None:
             raise TopicError(
                 log.path,
-                f"it is no result of sinstool: it has no topic {PREFIX}imu or {PREFIX}attitude",
+                f"it is not a result of sinstool: it has no topic {PREFIX}imu or {PREFIX}attitude",
                 f"make one with `sinstool process {log.path} -o RESULT.mcap`",
             )
         self._source: str = source
@@ -172,7 +175,7 @@ class ResultReader:
                 yield block if usable.all() else block.rows(usable)
         if empty:
             raise DataError(
-                self._log.path, f"{PREFIX}{self._source} holds nothing that can be used"
+                self._log.path, f"{PREFIX}{self._source} holds no attitude that can be used"
             )
 
     def _present(self) -> set[str]:
@@ -217,7 +220,7 @@ class ResultReader:
             ready = min(one.last for one in held.values())
             if (rows := _common(held, ready)) is not None:
                 yield rows
-        # A topic of which nothing came holds nothing back any more.
+        # A topic without messages no longer holds the others back.
         held = {name: one for name, one in held.items() if one.any}
         if held and (rows := _common(held, max(one.last for one in held.values()))) is not None:
             yield rows
@@ -234,7 +237,7 @@ class ResultReader:
         if not ascending:
             raise DataError(
                 self._log.path,
-                f"times of {PREFIX}{name} go back or repeat, as where results were merged",
+                f"times of {PREFIX}{name} go back or repeat, as in merged results",
                 "export each result on its own",
             )
 
@@ -275,7 +278,8 @@ class ResultReader:
                 covariance = values["fix"]["fix_covariance"].reshape(-1, 3, 3)
                 columns["covariance_position_n"] = _unknown(enu_to_ned_covariance(covariance))
         q_nv = self._turned_back(values["vehicle"]["q"]) if "vehicle" in values else None
-        return ResultBlock(Solution(time_ns, log_time_ns, q_nb, **columns), local, q_nv)  # type: ignore[arg-type]
+        solution = Solution(time_ns, log_time_ns, q_nb, **columns)  # type: ignore[arg-type]
+        return ResultBlock(solution, local, q_nv, has_rates=imu is not None)
 
     def _attitude(self, values: Joined) -> np.ndarray:
         if self._source == "euler":
@@ -288,7 +292,7 @@ class ResultReader:
         norm = np.linalg.norm(q, axis=1)
         norm[~(np.abs(norm - 1.0) < 0.05)] = np.nan
         q = q / norm[:, None]
-        # Half turns of both axes: what takes attitudes to the log's axes takes them back.
+        # The conversions are half turns of both axes, and so their own inverse.
         return q_for_log(q, self._axes, "enu" if self._enu else "ned")
 
     def _from_world(self, vectors: np.ndarray) -> np.ndarray:
@@ -314,7 +318,7 @@ def _unknown(covariance: np.ndarray) -> np.ndarray:
 
 
 class _Held:
-    """Rows of a topic for which others have not come yet."""
+    """Rows of a topic that wait for those of other topics."""
 
     def __init__(self) -> None:
         self.last = int(np.iinfo(np.int64).min)
@@ -324,14 +328,14 @@ class _Held:
     def add(
         self, time_ns: np.ndarray, log_time_ns: np.ndarray, values: dict[str, np.ndarray]
     ) -> bool:
-        """Take rows in; whether all times ascend."""
+        """Add rows; return whether all times ascend."""
         ascending = (not self.any or time_ns[0] > self.last) and bool((np.diff(time_ns) > 0).all())
         self._parts.append((time_ns, log_time_ns, values))
         self.last, self.any = int(time_ns[-1]), True
         return ascending
 
     def up_to(self, ready: int) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]] | None:
-        """Give out the rows up to a time."""
+        """Remove and return the rows up to a time."""
         if not self._parts:
             return None
         times, log_times, values = zip(*self._parts, strict=True)

@@ -1,6 +1,6 @@
 """The next record after a damaged one: compiled searches that visit each byte once.
 
-A place counts as a record only where its kind, its length and its own fields agree with one
+A position counts as the start of a record only where opcode, length and fields agree with one
 another, so that payloads and compressed bytes are not taken for records.
 """
 
@@ -87,7 +87,7 @@ def next_mcap_inside(buffer, start, defined):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _chunk(b, p, left):  # type: ignore[no-untyped-def]
-    """Whether a chunk record begins at p, be it whole or the last of a file that is cut."""
+    """Whether a chunk record begins at p, complete or cut off by the end of the file."""
     body = p + _HEAD
     if body + 44 > b.shape[0] or left < 53:
         return False
@@ -122,8 +122,8 @@ def next_mcap(buffer, start, left, defined, packed):  # type: ignore[no-untyped-
     defined : ndarray of uint8, shape (65536,)
         1 for channels that exist.
     packed : bool
-        Messages lie in compressed chunks, where LZ4 leaves many a header readable: what looks
-        like a message or a definition is none.
+        The file has compressed chunks, in which LZ4 leaves many headers readable, so that messages
+        and definitions at top level are not searched for.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def next_mcap(buffer, start, left, defined, packed):  # type: ignore[no-untyped-
             continue
         after = p + _HEAD + length
         if after + _HEAD <= size:
-            # the record behind it need not be sound, but it has to be one
+            # The next record need not be sound, but must begin with a valid opcode
             following = buffer[after]
             if following == 0 or following > _DATA_END or u64(buffer, after + 1) < 0:
                 continue
@@ -217,11 +217,11 @@ def next_rosbag1(buffer, start, left, whole, packed):  # type: ignore[no-untyped
     start : int
         Where to begin.
     left : int
-        Bytes from the beginning of the buffer on, be they in it or not.
+        Bytes of the file or chunk from the beginning of the buffer on.
     whole : bool
-        Only records that end before `left`; otherwise a chunk may also be cut short.
+        Only records that end before `left`; otherwise also a chunk that is cut short.
     packed : bool
-        Only chunks and their indexes, because messages lie in compressed ones (see `next_mcap`).
+        Search for chunks and their indexes only, as the chunks are compressed (see `next_mcap`).
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """ROS 1 bags (version 2.0), read from front to back.
 
-The walk over the records is all that is needed for messages, so a bag that was never indexed, or
-whose index is wrong, reads like any other. The index section only saves a second walk: it names
-the connections before the first message.
+Messages come from a walk over the records, so a bag that was never indexed, or whose index is
+wrong, reads like any other. The index section only saves a second walk, as it gives the connections
+before the first message.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ from sinstool.io.readers.scan import END, FOREIGN, FULL, definitions_rosbag1, sc
 MAGIC = ROSBAG1_MAGIC + b"2.0\n"
 BAG_HEADER_SIZE = 4096
 MAX_HEADER = 2**20
-# Record lengths, and the op, conn and time fields of a message's header.
+# Bytes of the smallest message record: two lengths, and the op, conn and time fields of its header
 _MIN_MESSAGE = 46
 MESSAGE, BAG, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
 _METADATA = ("md5sum", "callerid", "latching")
 
 
 class BadRecordError(ValueError):
-    """Bytes that are no bag record."""
+    """Bytes that are not a bag record."""
 
 
 @dataclass(frozen=True)
 class Record:
     """A record as its header describes it.
 
-    ``problem`` is what is wrong with a chunk that is given in part only.
+    ``problem`` says what is wrong with a damaged chunk; '' for a sound record.
     """
 
     op: int
@@ -120,7 +120,7 @@ class Rosbag1Log(FileLog):
     Parameters
     ----------
     salvage : bool
-        Pass over damaged chunks and a missing end, and note them in `lost`.
+        Skip damaged chunks, accept a missing end, and record both in `lost`.
 
     Raises
     ------
@@ -153,7 +153,7 @@ class Rosbag1Log(FileLog):
         try:
             head = self._record(len(MAGIC))
             if head.op != BAG:
-                raise BadRecordError("it is another record")
+                raise BadRecordError("the first record is of another kind")
             index = head.number("index_pos")
             counts = head.number("conn_count"), head.number("chunk_count")
         except BadRecordError as exc:
@@ -168,7 +168,7 @@ class Rosbag1Log(FileLog):
                 self.path, f"encrypted by {name}", "`rosbag decrypt` makes it readable"
             )
         if index > self.size:
-            what = f"cut short: its index is at byte {index}, behind the end of the file"
+            what = f"cut short: its index is at byte {index}, beyond the end of the file"
             self.damage(what, self.size, "end")
         if not (self._first <= index < self.size and self._read_index(index, *counts)):
             self._discover()
@@ -183,10 +183,11 @@ class Rosbag1Log(FileLog):
             if width + 8 > len(head):
                 head = self.read_at(pos, width + 8)
         record = record_at(head, 0, pos)
-        # the size of a message index is looked at by the walk itself
+        # The walk itself checks the size of a message index
         if record.end > self.size and record.op != INDEX:
             raise BadRecordError(
-                f"it declares {record.data_length} bytes where {self.size - record.data_offset} are"
+                f"it declares {record.data_length} bytes, and {self.size - record.data_offset} are"
+                " left"
             )
         return record
 
@@ -267,8 +268,8 @@ class Rosbag1Log(FileLog):
     def _places(self) -> Iterator[Record | RawBatch]:
         """Records at the top level, in file order; runs of messages come as batches."""
         pos = self._first
-        # Where a search begins if what follows turns out damaged: the record before may have
-        # told a wrong length.
+        # Where a search begins if the next record is damaged: the record before may have had a
+        # wrong length.
         doubt = pos
         while pos < self.size:
             try:
@@ -302,11 +303,11 @@ class Rosbag1Log(FileLog):
             doubt = record.data_offset if record.op != CHUNK else pos
 
     def _check_sizes(self, chunk: Record) -> None:
-        """An uncompressed chunk tells its size twice."""
+        """An uncompressed chunk declares its size twice."""
         plain = chunk.fields.get("compression") == b"none"
         if plain and chunk.data_length != chunk.number("size"):
             raise BadRecordError(
-                f"a chunk holds {chunk.data_length} bytes where {chunk.number('size')} are declared"
+                f"a chunk holds {chunk.data_length} bytes, and {chunk.number('size')} are declared"
             )
 
     def _behind_damage(self, what: str, pos: int, doubt: int) -> Generator[Record, None, int]:
@@ -317,8 +318,8 @@ class Rosbag1Log(FileLog):
             chunk = record_at(self.read_at(pos, MAX_HEADER), 0, pos)
         at = packed_at(self.read_at(pos, 512))
         if (chunk is None or chunk.op != CHUNK) and at >= 0:
-            # A killed recorder leaves a chunk's record empty, and what belongs in it behind it;
-            # or the chunk's header is gone.
+            # A killed recorder leaves an empty chunk record with its data after it; or the chunk's
+            # header is lost.
             chunk = Record(CHUNK, {}, pos, pos + at, 0)
         if chunk is None or chunk.op != CHUNK:
             again = self._next(min(pos + 1, doubt))
@@ -342,7 +343,7 @@ class Rosbag1Log(FileLog):
         return search(self.read_at, start, self.size, following)
 
     def _behind_index(self, record: Record) -> int:
-        """End of a message index, whose own size is not to be relied on where it lies."""
+        """End of a message index, whose own size may be wrong."""
         for end in (record.end, record.data_offset + 12 * record.number("count")):
             if end == self.size:
                 return end
@@ -350,7 +351,7 @@ class Rosbag1Log(FileLog):
                 self._record(end)
                 return end
         if record.end > self.size:
-            raise BadRecordError("a message index runs over the end of the file")
+            raise BadRecordError("a message index extends beyond the end of the file")
         return record.end
 
     def _run(self, record: Record) -> Generator[RawBatch, None, tuple[int, int]]:
@@ -370,7 +371,7 @@ class Rosbag1Log(FileLog):
             need = 0
 
     def _load(self, place: Record) -> np.ndarray | str:
-        """A chunk's records, decompressed, and what is wrong with them in words."""
+        """A chunk's records, decompressed; a str says what is wrong with them."""
         try:
             name = place.fields.get("compression", b"").decode("ascii")
             size = place.number("size")
@@ -384,14 +385,14 @@ class Rosbag1Log(FileLog):
         return raw
 
     def _content(self, place: Record) -> tuple[np.ndarray, list[tuple[int, int]]]:
-        """A chunk's bytes and its runs of whole records: one of all, where it is sound."""
+        """A chunk's bytes and its runs of intact records: a single run for a sound chunk."""
         chunk = place.problem or self._load(place)
         if not isinstance(chunk, str):
             if run_rosbag1(chunk, 0)[1] == len(chunk):
                 return chunk, [(0, len(chunk))]
             content = chunk
         else:
-            # Up to what can be a record again: the chunk's own length may be what is wrong.
+            # Up to the next possible record, as the chunk's own length may be wrong
             end = min(self._next(place.data_offset + 1), place.data_offset + ORDINARY_BLOCK)
             data = self.read_at(place.data_offset, end - place.data_offset)
             name = place.fields.get("compression", b"").decode("ascii", "replace")
@@ -401,7 +402,7 @@ class Rosbag1Log(FileLog):
         )
 
     def _salvaged_batch(self, place: Record, what: str) -> RawBatch:
-        """The whole messages of a damaged chunk; the losses are recorded."""
+        """The intact messages of a damaged chunk; the losses are recorded."""
         content, parts = self._content(place)
         runs = [_scan(content[:end], begin, False)[0] for begin, end in parts]
         rows = np.concatenate([np.empty((4, 0), np.int64), *runs], axis=1)
@@ -411,7 +412,7 @@ class Rosbag1Log(FileLog):
         if len(parts) > 1 and runs[0].shape[1] and runs[-1].shape[1]:
             part.start_ns, part.end_ns = sorted((int(runs[0][3, -1]), int(runs[-1][3, 0])))
         self.note_lost(part)
-        # as if it ended where it begins, so that what is missing lies between it and the next
+        # At the position of its start, so that the loss lies between it and the next chunk
         return _batch(content, rows, place.offset)
 
     def _indexed(self, place: Record) -> int | None:
@@ -424,10 +425,10 @@ class Rosbag1Log(FileLog):
         return count or None
 
     def _chunk_batches(self, place: Record) -> Iterator[RawBatch]:
-        """The messages of one chunk, so many at a time."""
+        """The messages of one chunk, in batches of bounded size."""
         chunk = place.problem or self._load(place)
         if self.salvage and not isinstance(chunk, str) and run_rosbag1(chunk, 0)[1] < len(chunk):
-            chunk = "a record inside a chunk is not whole"
+            chunk = "a record inside a chunk is not complete"
         if isinstance(chunk, str):
             yield self._salvaged_batch(place, chunk)
             return
@@ -435,7 +436,7 @@ class Rosbag1Log(FileLog):
         while why == FULL:
             columns, pos, why = _scan(chunk, pos, False)
             if why not in (END, FULL):
-                what = f"a record inside a chunk is not whole (at {pos})"
+                what = f"a record inside a chunk is not complete (at byte {pos} of it)"
                 self.refuse(what, place.offset)
             yield _batch(chunk, columns, place.end)
 

@@ -1,7 +1,7 @@
 """ROS 2 bag folders: ``metadata.yaml`` and the files in it, as one log.
 
-The files say themselves what they are (SQLite, MCAP, or one of these inside zstd), so all that
-the metadata decides is their order and whether each message is compressed.
+The content of each file shows its format (SQLite, MCAP, or one of these inside zstd), so the
+metadata only gives their order, and whether each message is compressed.
 """
 
 from __future__ import annotations
@@ -102,22 +102,22 @@ class Rosbag2Log(Log):
         kind = str(information.get("compression_format") or "").lower()
         if mode in ("file", "message") and kind != "zstd":
             raise UnsupportedLogError(
-                self.path, f"it is compressed by '{kind}'", "sinstool reads zstd"
+                self.path, f"it is compressed with '{kind}'", "sinstool reads zstd"
             )
         self._compressed_messages = mode == "message"
         self._declared = _declared_counts(information.get("topics_with_message_count"))
         files = []
         for listed in information.get("relative_file_paths") or []:
-            # Early versions wrote the folder's own name too; nothing outside it is ever meant.
+            # Early versions wrote the folder's own name too; files always lie in the folder.
             name = PurePosixPath(str(listed)).name
             candidates = [self.path / name, self.path / f"{name}.zstd"]
             file = next((c for c in candidates if c.is_file()), None)
             if file is None:
-                self.damage(f"{METADATA} lists {name}, which is not there", kind="file")
+                self.damage(f"{METADATA} lists {name}, which is missing", kind="file")
             else:
                 files.append(file)
         if not files:
-            self.damage(f"{METADATA} lists no file that is there", kind="file")
+            self.damage(f"{METADATA} lists no file that exists", kind="file")
             return self._files_without_metadata()
         return files
 
@@ -187,7 +187,7 @@ class Rosbag2Log(Log):
         target = self._unpacked.path / file.name.removesuffix(".zstd")
         try:
             with file.open("rb") as source, target.open("wb") as sink:
-                # What swells more is no recording, and would only fill the disk.
+                # A file that expands more is no recording, and would only fill the disk.
                 limit = max(ORDINARY_BLOCK, MOST_SWELLING * file.stat().st_size)
                 whole = _unzstd(source, sink, limit)
         except zstandard.ZstdError as exc:
@@ -201,7 +201,7 @@ class Rosbag2Log(Log):
         else:
             if not whole:
                 swollen = target.stat().st_size > limit
-                what = f"it unpacks to more than {limit} bytes, which no recording does"
+                what = f"it unpacks to more than {limit} bytes, more than any recording"
                 what = what if swollen else "the zstd data ends too early"
                 self.damage(f"{file.name}: {what}", kind="file")
         return target
@@ -315,7 +315,7 @@ def _unzstd_message(data: memoryview) -> bytes:
 
 def _unzstd(source: BinaryIO, sink: BinaryIO, limit: int | None = None) -> bool:
     """Decompress any number of frames; False where the data ends inside one, or at the limit."""
-    # Input goes in by small pieces: a hostile one can swell by a factor of 32768.
+    # Input goes in by small pieces, as hostile data can expand by a factor of 32768.
     pending = b""
     while True:
         frame = zstandard.ZstdDecompressor().decompressobj()

@@ -10,7 +10,7 @@ from isal.isal_zlib import crc32
 from sinstool.io.readers.compression import decompress_prefix
 from sinstool.io.readers.limits import MAX_PLACES, ORDINARY_BLOCK, WINDOW
 
-# A record of this size that begins in one window is whole in the next.
+# Overlap of windows: a record up to this size that begins in one is complete in the next
 _OVERLAP = 2**20
 
 Run = Callable[[np.ndarray, int], tuple[int, int]]
@@ -25,15 +25,15 @@ def unpack(name: str, data: bytes, size: int, crc: int) -> tuple[np.ndarray, boo
     name : str
         Compression, as the chunk has it.
     size, crc : int
-        What the chunk declares of its content (CRC 0: nothing); neither is relied on.
+        Size and CRC-32 of the content by the chunk's header (CRC 0: none); either may be wrong.
 
     Returns
     -------
     content : ndarray, uint8
     proved : bool
-        The CRC says that the content is right; only the chunk's header lied.
+        Whether the CRC matches the content, so that only the chunk's header is wrong.
     """
-    if crc and len(data) == size and crc32(data) == crc:  # not packed, whatever its name
+    if crc and len(data) == size and crc32(data) == crc:  # not compressed, despite its name
         return np.frombuffer(data, np.uint8), True
     raw = memoryview(decompress_prefix(name, data, ORDINARY_BLOCK))
     for length in {len(raw), min(size, len(raw))}:

@@ -1,7 +1,7 @@
 """Compiled scans of the records of a chunk: the place of every message.
 
-The record headers are read rather than the chunk's own message index, because the index can
-be missing or wrong and the headers cannot: the walk fails exactly where the chunk does.
+The record headers are read instead of the chunk's own message index, as the index can be missing
+or wrong. Where a header is wrong, the chunk itself is damaged.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ def scan_mcap(buffer, start, out, stop_at_foreign):  # type: ignore[no-untyped-d
         Where the walk stopped.
     why : int
         END at the buffer's end, PARTIAL at a record that runs over it (or declares a negative
-        or too small length, or is of the kind 0, which there is not), FOREIGN at a record that
-        is no message, FULL at a message for which there is no room.
+        or too small length, or has the invalid opcode 0), FOREIGN at a record that is not a
+        message, FULL at a message for which there is no room.
     """
     size = buffer.shape[0]
     pos = start
@@ -111,7 +111,7 @@ def definitions_mcap(buffer, start, out):  # type: ignore[no-untyped-def]
     count : int
         How many were found.
     end : int
-        Where the walk stopped: to go on from there where `out` is full.
+        Where the walk stopped; continue there if `out` is full.
     """
     size = buffer.shape[0]
     pos = start
@@ -131,7 +131,7 @@ def definitions_mcap(buffer, start, out):  # type: ignore[no-untyped-def]
 
 @part()
 def rosbag1_record(buffer, pos):  # type: ignore[no-untyped-def]
-    """Op (-1: no whole record), connection, time, offset and length of the data of a record."""
+    """Op (-1: no complete record), connection, time (ns), offset and length of a record's data."""
     size = buffer.shape[0]
     nothing = (np.int64(-1), np.int64(-1), np.int64(-1), np.int64(0), np.int64(0))
     if pos + 8 > size:
@@ -187,8 +187,8 @@ def scan_rosbag1(buffer, start, out, stop_at_foreign):  # type: ignore[no-untype
     end : int
         Where the walk stopped.
     why : int
-        END at the buffer's end, PARTIAL at a record that runs over it or is none, FOREIGN at a
-        record that is no message, FULL at a message for which there is no room.
+        END at the buffer's end, PARTIAL at a record that runs over it or is invalid, FOREIGN at a
+        record that is not a message, FULL at a message for which there is no room.
     """
     size = buffer.shape[0]
     pos = start
@@ -228,7 +228,7 @@ def definitions_rosbag1(buffer, start, out):  # type: ignore[no-untyped-def]
     count : int
         How many were found.
     end : int
-        Where the walk stopped: to go on from there where `out` is full.
+        Where the walk stopped; continue there if `out` is full.
     """
     pos = start
     count = 0

@@ -1,4 +1,4 @@
-"""Messages of small topics in memory, so that one pass over a log serves all users."""
+"""Cache of the messages of small topics, so that one pass over a log serves all users."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from sinstool.io.readers.batch import RawBatch
 
-# Topics that are larger together, with what is known of each message, are read again from the log.
+# Largest size of the cache, columns included; larger topics are read again from the log
 MAX_BYTES = 64 * 2**20
-# Messages that are answered with at a time
+# Most messages in a batch
 ROWS = 2**16
 
 
@@ -20,11 +20,11 @@ class SideChannelCache:
     Attributes
     ----------
     channels : frozenset of int
-        None of them where they turned out too large.
+        Empty where they turned out too large.
     filling : bool
-        A pass is under way that fills it.
+        Whether a pass is under way that fills the cache.
     complete : bool
-        One came to the end.
+        Whether such a pass came to its end.
     """
 
     def __init__(self, channels: Collection[int] = ()) -> None:
@@ -34,7 +34,7 @@ class SideChannelCache:
         self._empty()
 
     def _empty(self) -> None:
-        # One piece that grows in place: to join pieces would take their memory a second time
+        # One buffer that grows in place, as joining pieces would need their memory twice
         self._payload = bytearray()
         self._messages = 0
         self._columns: dict[str, list[np.ndarray]] = {name: [] for name in _COLUMNS}
@@ -46,7 +46,7 @@ class SideChannelCache:
         self._empty()
 
     def add(self, batch: RawBatch) -> None:
-        """Copy the messages that are of the channels."""
+        """Copy the messages of the cached channels."""
         if not self.channels:
             return
         chosen = batch.select(self.channels)
@@ -76,12 +76,12 @@ class SideChannelCache:
         if np.array_equal(columns["publish_time"], columns["log_time"]):
             columns["publish_time"] = columns["log_time"]
         buffer = np.frombuffer(self._payload or bytes(1), np.uint8)
-        # as the readers give it, so that compiled loops need no second version
+        # Read-only, as from the readers, so that compiled loops need no second version
         buffer.flags.writeable = False
         self._whole = RawBatch(buffer, **columns, position=self._position)
 
     def covers(self, selection: Collection[int] | None) -> bool:
-        """Whether these channels can be had without the log."""
+        """Whether the cache holds all messages of these channels."""
         return self.complete and selection is not None and self.channels.issuperset(selection)
 
     def batches(self, selection: Collection[int]) -> Iterator[RawBatch]:

@@ -23,14 +23,14 @@ from sinstool.io.readers.lost import Lost
 
 # Small enough to stay in the processor's cache, which is worth a third of the time.
 BATCH = 4096
-# A batch ends here too, so that images do not make it large.
+# A batch also ends at this size, so that images do not make it large.
 BATCH_BYTES = 32 * 2**20
 _FIRST_ROW = -(2**63)
-# So many steps of SQLite's machine, some milliseconds, until Python can look whether it is to end
+# Steps of SQLite's virtual machine, some milliseconds, between Python's checks for signals
 _STEPS = 100_000
 
-# What Python raises of a damaged database; memory, where a size says more than there is, and of
-# Unicode where SQLite's message quotes a name that is none any more.
+# Exceptions from a damaged database: MemoryError where a size is absurd, UnicodeDecodeError where
+# SQLite's message quotes a damaged name
 _UNREADABLE = (sqlite3.Error, OverflowError, MemoryError, UnicodeDecodeError)
 
 
@@ -43,7 +43,7 @@ class SqliteLog(Log):
     Parameters
     ----------
     salvage : bool
-        Pass over rows that the database does not give, and note them in `lost`.
+        Skip rows that the database cannot return, and record them in `lost`.
 
     Raises
     ------
@@ -91,14 +91,14 @@ class SqliteLog(Log):
         return DamagedLogError(self.path, what, hint)
 
     def _cut_short(self) -> str:
-        """How much of the file is missing, in words; '' where it is all there."""
+        """A description of what is missing from the file; '' where it is complete."""
         page, pages = self._pages()
         if page * pages > self.size or self.size % page:
             return f"cut short: {self.size} of {max(page * pages, self.size)} bytes"
         return ""
 
     def _pages(self) -> tuple[int, int]:
-        """Size of a page and how many there are, as the file's own header has it."""
+        """Size and number of pages, by the file's own header."""
         with suppress(OSError, struct.error), self.path.open("rb") as stream:
             head = stream.read(100)
             (page,) = struct.unpack_from(">H", head, 16)
@@ -121,14 +121,14 @@ class SqliteLog(Log):
             # Nothing pending: SQLite needs neither locks nor a writable folder.
             return _open(self.path, "immutable=1", damaged=self.salvage)
         if not _filled(journal) and not torn:
-            # Rows may still be in the log of writes. Beside a recorder that lives, its own index
-            # of them is used; without one SQLite makes its own in memory, where nobody can be
-            # writing: neither way puts anything beside the bag.
+            # Rows may still be in the write-ahead log. While a recorder is running its shared index
+            # is used; otherwise nobody can be writing, and SQLite makes an index in memory. Neither
+            # way creates files beside the bag.
             live = shared.exists()
             with suppress(*_UNREADABLE):
                 mode = "readonly_shm=1" if live else "vfs=unix-none"
                 return _open(self.path, f"mode=ro&{mode}", exclusive=not live, damaged=self.salvage)
-        # A transaction to roll back, a folder in which SQLite may not even make its lock file, or
+        # With a transaction to roll back, a folder in which SQLite cannot create its lock file, or
         # half a page at the end, which it would read as if zeros followed: work on a copy.
         self._beside = TemporaryFolder()
         copy = self._beside.path / self.path.name
@@ -147,13 +147,13 @@ class SqliteLog(Log):
         return _open(copy, "mode=rw", damaged=self.salvage)
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
-        # A view or a virtual table can compute its rows without end.
+        # A view or a virtual table may produce endless rows.
         computed = database.execute(
             "SELECT name, type FROM sqlite_master WHERE lower(name) IN"
             " ('topics', 'messages', 'message_definitions') AND (type = 'view' OR rootpage = 0)"
         ).fetchone()
         if computed is not None:
-            what = f"not a ROS 2 bag: {computed[0]} in it is a computed {computed[1]}"
+            what = f"not a ROS 2 bag: {computed[0]} is a {computed[1]} that computes its rows"
             raise NotALogError(self.path, what)
         tables = {
             name: [row[1] for row in database.execute(f"PRAGMA table_info({name})")]
@@ -199,11 +199,11 @@ class SqliteLog(Log):
         chosen = ""
         if selection is not None:
             chosen = f" AND topic_id IN ({', '.join(map(str, sorted(selection)))})"
-        # An alias: what the schema calls the row may be damaged, and Python wants it as text.
+        # The alias avoids the name in the schema, which may be damaged and not decodable.
         columns = "rowid AS row, topic_id, timestamp, data"
         query = f"SELECT {columns} FROM messages WHERE rowid > ?{chosen}"
         assert self._database is not None, "the log is closed"
-        # Flat arrays, and all in one loop: whatever is done here is done for every message.
+        # Flat arrays in a single loop, as every statement here is executed for every message.
         topics, times, lengths, data = array("q"), array("q"), array("q"), bytearray()
         row = begun = _FIRST_ROW
         places, limit = 0, ""
@@ -219,7 +219,7 @@ class SqliteLog(Log):
                         times.append(time)
                         data += blob
                     except TypeError as exc:
-                        # SQLite stores any type in any column; a bag does not.
+                        # SQLite allows any type in any column; a bag does not.
                         del topics[len(lengths) :], times[len(lengths) :]
                         if not self.salvage:
                             raise self._damaged(exc) from exc
@@ -240,7 +240,7 @@ class SqliteLog(Log):
                 if not self.salvage:
                     raise self._damaged(exc) from exc
                 if not limit:
-                    # Python looks one row ahead, and gives none where the next cannot be read.
+                    # Python reads one row ahead, and returns none where the next cannot be read.
                     limit = " LIMIT 1"
                     continue
                 limit = ""
@@ -248,20 +248,20 @@ class SqliteLog(Log):
                 again, time = self._next_readable(max(row, 0))  # ids of a bag begin with 1
                 if again <= row:  # damaged pages may lead back
                     again = 0
-                to = f" to {again - 1}" if again else " and those behind it"
+                to = f" to {again - 1}" if again else " and those after it"
                 what = f"message {max(row, 0) + 1}{to} cannot be read: {exc}"
                 self.note_lost(Lost(what, "row", start_ns=last, end_ns=time))
                 if not again:
                     break
                 row = max(again - 1, row + 1)
         else:
-            what = f"messages behind {row} were not looked at: {places} damaged places before them"
+            what = f"messages after {row} were not read: {places} damaged places precede them"
             self.note_lost(Lost(what, "row", start_ns=last), always=True)
         if lengths:
             yield _batch(topics, times, lengths, data, self._position(row))
 
     def _next_readable(self, row: int) -> tuple[int, int | None]:
-        """The next row behind a damaged page that can be read, and its time; 0 without one."""
+        """The next readable row after a damaged page, and its time; 0 without one."""
 
         def probe(behind: int) -> tuple[int, int | None] | None:
             assert self._database is not None
@@ -274,7 +274,7 @@ class SqliteLog(Log):
                 return None
             return (0, None) if next_row is None else (next_row[0], next_row[1])
 
-        # Ever longer steps until there is something, then back to where it begins.
+        # Exponential search for a readable row, then bisection for the first one
         step = 1
         while (good := probe(row + step)) is None:
             step *= 2
@@ -297,7 +297,7 @@ class SqliteLog(Log):
 
 def _batch(topics: array, times: array, lengths: array, data: bytearray, position: int) -> RawBatch:
     buffer = np.frombuffer(data, np.uint8)
-    # as all other readers give it, so that compiled loops need no second version
+    # Read-only, as from all other readers, so that compiled loops need no second version
     buffer.flags.writeable = False
     topic, time, length = (np.frombuffer(a, np.int64) for a in (topics, times, lengths))
     sequence = np.zeros(len(length), np.int64)
@@ -319,19 +319,19 @@ def _filled(path: Path) -> bool:
 def _open(
     path: Path, mode: str, *, exclusive: bool = False, damaged: bool = False
 ) -> sqlite3.Connection:
-    # Batches may be asked for in another thread than the one that opened the log.
+    # Batches may be read in another thread than the one that opened the log.
     database = sqlite3.connect(
         f"file:{quote(str(path.absolute()))}?{mode}", uri=True, check_same_thread=False
     )
     database.text_factory = _text
     database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BLOCK)
-    # While SQLite is at work, Python runs the handlers of signals at the begin of this function.
+    # Python runs signal handlers when SQLite calls this function.
     database.set_progress_handler(lambda: 0, _STEPS)
     try:
         if exclusive:
             database.execute("PRAGMA locking_mode=EXCLUSIVE")
         if damaged:
-            # Otherwise SQLite refuses a file that is shorter than it was, all of it.
+            # Otherwise SQLite refuses a truncated file altogether.
             database.execute("PRAGMA writable_schema=ON")
         database.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except _UNREADABLE:

@@ -30,7 +30,7 @@ from sinstool.io.readers.message_types import GPS_FIX_TYPES, HEIGHT_TYPES, VELOC
 
 Made = TypeVar("Made")
 
-# rad/s and m/s^2: no sensor measures so much, in no unit that anybody writes, but damage does.
+# Limit of rad/s and m/s^2: beyond the range of any sensor in any unit, so only damage exceeds it
 LARGEST = 1e9
 XYZ = ("x", "y", "z")
 XYZW = ("x", "y", "z", "w")
@@ -59,11 +59,11 @@ class Losses:
     Attributes
     ----------
     malformed : int
-        Did not fit their definition.
+        Messages that did not fit their definition.
     nonfinite : int
-        Held NaN, infinity or numbers that no sensor measures.
+        Messages with NaN, infinity or numbers beyond any sensor's range.
     problem : str
-        What was wrong with the first malformed one.
+        What was wrong with the first malformed message.
     """
 
     malformed: int = 0
@@ -75,7 +75,7 @@ def _vector(path: str) -> list[str]:
     return [f"{path}.{axis}" for axis in XYZ]
 
 
-# What a message must have to be read as an Imu, whatever its type.
+# Fields that a message of any type must have to be read as an Imu
 IMU_FIELDS = ("header.stamp", *_vector("angular_velocity"), *_vector("linear_acceleration"))
 
 
@@ -110,7 +110,7 @@ def read_columns(
     progress : callable, optional
         Called with the bytes of the log read so far.
     widths : mapping of str to int
-        Elements of columns whose paths are arrays; of all others there is one for each path.
+        Number of elements of columns whose paths are arrays; other columns have one for each path.
 
     Yields
     ------
@@ -121,7 +121,7 @@ def read_columns(
     Raises
     ------
     UnsupportedLogError
-        The log's own definition of the type makes something else of a column.
+        A column does not have the expected number of elements by the log's own definition.
     """
     topics = {c.id: c.topic for c in channels}
 
@@ -179,10 +179,15 @@ def read_imu(
     log_time : bool
         Use the recorder's time instead of the header stamp.
     orientation : bool or callable
-        Read the orientation too. A callable is asked for every batch; where it says False the
-        rows are NaN, which spares turning what nobody looks at any more.
+        Read the orientation too. A callable is asked before each batch; while it returns False
+        the rows are NaN, which saves converting orientations that are no longer needed.
     progress : callable, optional
         Called with the bytes of the log read so far.
+
+    Yields
+    ------
+    Imu
+        Never empty; samples that are not finite, or beyond any sensor's range, are left out.
     """
     prefix = f"{path}." if path else ""
     columns: dict[str, Sequence[str]] = {
@@ -201,7 +206,7 @@ def read_imu(
     gyro_scale, accel_scale = units.gyro_scale * axes, units.accel_scale * axes
     widths = {"q_covariance": 9}
     for log_time_ns, values in read_columns(log, channels, columns, losses, progress, widths):
-        # Damaged values may overflow, or be NaN that signals: they are left out.
+        # Damaged values, which are left out below, may overflow or be signalling NaN.
         with np.errstate(over="ignore", invalid="ignore"):
             gyro: np.ndarray = values["gyro"] * gyro_scale
             accel: np.ndarray = values["accel"] * accel_scale
@@ -214,7 +219,7 @@ def read_imu(
             else:
                 q = np.broadcast_to(np.nan, (len(gyro), 4))
         block = Imu(log_time_ns if log_time else stamp(values), log_time_ns, gyro, accel, q)
-        # NaN is not smaller either
+        # False for NaN as well
         small = np.abs(gyro) < LARGEST, np.abs(accel) < LARGEST
         if not (small[0].all() and small[1].all()):
             usable = (small[0] & small[1]).all(axis=1)
@@ -225,7 +230,7 @@ def read_imu(
 
 
 def _orientation(q_xyzw: np.ndarray, covariance: np.ndarray, axes: str) -> np.ndarray:
-    """q_nb of Imu messages; NaN where the message says it has none or it is no rotation."""
+    """q_nb of Imu messages; NaN where the message declares none or its norm is not 1."""
     norm = np.sqrt(np.einsum("ij,ij->i", q_xyzw, q_xyzw))
     good = (covariance[:, 0] != -1.0) & (np.abs(norm - 1.0) < 0.05)
     q = np.full((len(q_xyzw), 4), np.nan)
@@ -279,10 +284,13 @@ def read_velocity(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
 
 
 def _velocity_of_fixes(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Velocity]:
-    """Speed and course of GPSFix messages; its sigmas are those of some receivers only."""
+    """Velocity from speed, course and climb of GPSFix messages.
+
+    Its sigmas are not used, as few receivers fill them in.
+    """
     columns = {**header(), "speed": ["speed"], "track": ["track"], "climb": ["climb"]}
     for log_time_ns, v in read_columns(log, channels, columns, losses):
-        # At rest there is no course
+        # At rest the course is undefined
         course = np.where(v["speed"] == 0.0, 0.0, np.radians(v["track"]))
         north, east = v["speed"] * np.cos(course), v["speed"] * np.sin(course)
         unknown = np.zeros((len(log_time_ns), 3, 3))
@@ -297,7 +305,7 @@ def _linear(channels: Sequence[Channel]) -> list[str]:
 
 
 def read_twist(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[Readings]:
-    """Linear velocity of the types of :func:`read_velocity`, in whatever axes it is."""
+    """Linear velocity of the types of :func:`read_velocity`, in the axes of the log."""
     for log_time_ns, v in read_columns(log, channels, {**header(), "v": _linear(channels)}, losses):
         yield Readings(stamp(v), log_time_ns, v["v"])
 
@@ -312,7 +320,7 @@ def read_pressure(log: Log, channels: Sequence[Channel], losses: Losses) -> Iter
 def read_field(
     log: Log, channels: Sequence[Channel], axes: str, losses: Losses
 ) -> Iterator[Magnetometer]:
-    """MagneticField messages in FRD; those that are not finite, or zero, are left out."""
+    """MagneticField messages in FRD, T; values that are zero or not finite are left out."""
     columns = {**header(), "field": _vector("magnetic_field")}
     for log_time_ns, v in read_columns(log, channels, columns, losses):
         block = Magnetometer(stamp(v), log_time_ns, turn_body(v["field"], axes))
@@ -324,7 +332,7 @@ def read_field(
 
 
 def read_height(log: Log, channels: Sequence[Channel], losses: Losses) -> Iterator[BaroHeight]:
-    """Height as PointStamped (its z) or as a bare Float64, which has the log time only."""
+    """Height, m, as the z of a PointStamped, or as a bare Float64 stamped with the log time."""
     bare = channels[0].type == HEIGHT_TYPES[1]
     columns = {"height": ["data"]} if bare else {**header(), "height": ["point.z"]}
     for log_time_ns, v in read_columns(log, channels, columns, losses):
@@ -370,7 +378,7 @@ def first_fix(log: Log, channels: Sequence[Channel]) -> Gnss | None:
 def frame_id(
     log: Log, channels: Sequence[Channel], path: str = "", field: str = "header.frame_id"
 ) -> str:
-    """frame_id, or another text, of a topic's first message ('' when it has none)."""
+    """frame_id, or another text field, of a topic's first message ('' without one)."""
     field = f"{path}.{field}" if path else field
     for layout, payload in layouts(log, channels):
         return layout.text(field, payload) if field in layout.leaves else ""

@@ -13,10 +13,10 @@ from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import IMU_TYPE
 from sinstool.io.readers.streams import IMU_FIELDS, ImuUnits, Losses, read_imu
 
-# What sinstool itself writes is never taken for a sensor, unless it is asked for by name.
+# Topics that sinstool itself writes are used as sensors only if they are named.
 OWN_PREFIXES = ("/sinstool/", "/truth/")
 PROBE_SAMPLES = 2000
-# What an option names to use no topic at all.
+# Value of an option that uses no topic at all
 NONE = "none"
 
 
@@ -31,7 +31,7 @@ class ImuTopic:
     reason : str
         Why it was chosen.
     obvious : bool
-        Nobody could have meant another.
+        Whether there was no other choice.
     """
 
     topic: str
@@ -54,7 +54,7 @@ def topics_of_type(log: Log, *types: str) -> dict[str, tuple[Channel, ...]]:
 
 
 def imu_candidates(log: Log) -> list[ImuTopic]:
-    """Every topic that carries an Imu: plain ones, those that nest one, and what is like one."""
+    """Every topic with Imu data: plain Imu, types that nest an Imu, types with the same fields."""
     plain = [ImuTopic(t, c) for t, c in topics_of_type(log, IMU_TYPE).items()]
     nested, alike = [], []
     for topic in dict.fromkeys(c.topic for _, c in sorted(log.channels.items())):
@@ -70,7 +70,7 @@ def imu_candidates(log: Log) -> list[ImuTopic]:
 
 
 def _like_an_imu(log: Log, channels: tuple[Channel, ...]) -> bool:
-    """Whether a driver's own type has the fields of an Imu that are read, by their names."""
+    """Whether a driver's own type has all fields of :data:`IMU_FIELDS`."""
     try:
         definitions = [channel.definition(log.path) for channel in channels]
     except UnsupportedLogError:
@@ -119,7 +119,7 @@ def choose_imu(log: Log, name: str | None) -> ImuTopic:
     candidates = [c for c in candidates if not c.topic.startswith(OWN_PREFIXES)]
     if not candidates:
         types = sorted({c.type_name for c in log.channels.values() if c.type_name})
-        hint = f"it has {', '.join(types[:8])}" if types else "it has no typed topic at all"
+        hint = f"it has {', '.join(types[:8])}" if types else "it has no topic of a known type"
         raise TopicError(log.path, "the log has no sensor_msgs/Imu topic", hint)
     if len(candidates) == 1:
         return replace(candidates[0], reason="the only one with an Imu")
@@ -170,12 +170,12 @@ def probe_rate(log: Log, topic: ImuTopic) -> float | None:
 def optional_topics(
     log: Log, flag: str, name: str | None, *types: str
 ) -> dict[str, tuple[Channel, ...]]:
-    """Channels by topic that an option may mean: the one that it names, or all that fit.
+    """Channels by topic that an option selects: the named topic, or all of suitable types.
 
     Parameters
     ----------
     flag : str
-        The option that names it, for the message.
+        The option, for the message.
     name : str, optional
         The topic that the option names; ``none`` for no topic.
     *types : str
@@ -200,7 +200,7 @@ def optional_topics(
 
 
 def choose_optional(log: Log, flag: str, name: str | None, *types: str) -> tuple[Channel, ...]:
-    """Channels of a topic that a run can do without; empty when the log has none.
+    """Channels of an optional topic; empty when the log has none.
 
     Parameters
     ----------
@@ -215,7 +215,9 @@ def choose_optional(log: Log, flag: str, name: str | None, *types: str) -> tuple
     topics = optional_topics(log, flag, name, *types)
     if len(topics) > 1:
         raise TopicError(
-            log.path, f"several topics fit {flag}: {', '.join(topics)}", f"choose one with {flag}"
+            log.path,
+            f"several topics could be used: {', '.join(topics)}",
+            f"choose one with {flag}",
         )
     for topic in topics:
         if name is None:

@@ -1,4 +1,4 @@
-"""Frames that a log itself relates to each other, in /tf and /tf_static."""
+"""Frames and rotations from the transforms of a log, in /tf and /tf_static."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from sinstool.io.readers.streams import layouts
 
 TF_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 STATIC = "tf_static"
-# The tree of a vehicle is complete within its first messages; reading on would cost a Python
-# call for each of what may be millions.
+# The tree of a vehicle is complete within its first messages; reading on would cost a Python call
+# for each of possibly millions.
 MAX_TF_MESSAGES = 20_000
 # Frames whose x axis is the vehicle's forward, by REP 105 and by custom.
 VEHICLE_FRAMES = ("base_link", "base_footprint", "base_frame", "chassis", "rear_axle", "vehicle")
-# A quaternion of this length is one that was left empty.
+# A quaternion shorter than this was left empty.
 _EMPTY = 1e-3
 
 
@@ -36,7 +36,7 @@ class StaticRotation:
     vehicle : str
         Frame id.
     q : ndarray, shape (4,)
-        w, x, y, z; turns vectors of the frame into the vehicle's, both forward, left, up.
+        w, x, y, z; takes vectors from the frame to the vehicle's, both forward, left, up.
     """
 
     vehicle: str
@@ -70,7 +70,7 @@ def in_vehicle(log: Log, child: str) -> StaticRotation | None:
     Returns
     -------
     StaticRotation or None
-        None where no chain of static transforms leads to a frame with one of the usual names.
+        None where no chain of static transforms leads to a frame of :data:`VEHICLE_FRAMES`.
     """
     channels = [c for c in _channels(log) if c.topic.rsplit("/", 1)[-1] == STATIC]
     parents: dict[str, tuple[str, FloatArray]] = {}
@@ -82,7 +82,7 @@ def in_vehicle(log: Log, child: str) -> StaticRotation | None:
                 parent = layout.text(f"{path}.header.frame_id", payload).lstrip("/")
                 parents[name] = parent, q
     frame, turned = child.lstrip("/"), np.array([1.0, 0.0, 0.0, 0.0])
-    # A tree has no loops, but what is written may
+    # A tree has no loops, but that of a faulty log may
     for _ in range(len(parents)):
         if frame not in parents:
             return None

@@ -13,7 +13,7 @@ from sinstool.io.readers.frames import q_nb_from_log
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import Losses, header, read_columns, stamp
 
-# Where each type that holds an orientation has it
+# Path of the orientation in each message type that has one
 PATHS = {
     "sensor_msgs/msg/Imu": "orientation",
     "geometry_msgs/msg/QuaternionStamped": "quaternion",
@@ -21,6 +21,7 @@ PATHS = {
     "nav_msgs/msg/Odometry": "pose.pose.orientation",
 }
 CSV_COLUMNS = ("qw", "qx", "qy", "qz")
+_CSV_NEEDS = "it needs columns time_s or time_ns, and qw, qx, qy, qz"
 
 
 def read_truth(log: Log, truth: str, body_axes: str) -> tuple[np.ndarray, np.ndarray]:
@@ -54,7 +55,9 @@ def read_truth(log: Log, truth: str, body_axes: str) -> tuple[np.ndarray, np.nda
         time_ns, q = _from_csv(Path(truth))
     else:
         raise TopicError(
-            log.path, f"--truth {truth} is neither a topic of the log nor a file", "give either"
+            log.path,
+            f"--truth {truth} is neither a topic of the log nor a file",
+            "name a topic of the log or a CSV file",
         )
     good = np.isfinite(q).all(axis=1) & (np.abs(np.linalg.norm(q, axis=1) - 1.0) < 0.05)
     time_ns, first = np.unique(time_ns[good], return_index=True)
@@ -70,7 +73,7 @@ def _from_topic(log: Log, topic: str) -> tuple[np.ndarray, np.ndarray]:
     if path is None:
         kinds = ", ".join(t.replace("/msg/", "/") for t in PATHS)
         raise TopicError(
-            log.path, f"--truth {topic} is {channels[0].type_name}", f"it has to be one of {kinds}"
+            log.path, f"--truth {topic} is {channels[0].type_name}", f"it must be one of {kinds}"
         )
     columns = {**header(), "q": [f"{path}.{axis}" for axis in "wxyz"]}
     times, q = [], []
@@ -83,33 +86,43 @@ def _from_topic(log: Log, topic: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _from_csv(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    times: list[int] = []
-    rows: list[list[float]] = []
     with path.open(newline="", encoding="utf-8") as stream:
         lines = (line for line in stream if line.strip() and not line.startswith("#"))
         reader = csv.DictReader(lines, skipinitialspace=True)
-        names = reader.fieldnames or []
-        missing = [c for c in CSV_COLUMNS if c not in names]
-        clock = next((c for c in ("time_ns", "time_s") if c in names), None)
-        if missing or clock is None:
-            raise LogError(
-                path,
-                f"the file has no column {missing[0] if missing else 'time_s or time_ns'}",
-                "it needs time_s or time_ns, and qw, qx, qy, qz",
-            )
-        for row in reader:
-            try:
-                # Exact: seconds since 1970 do not fit a float64 to the nanosecond
-                scale = 1 if clock == "time_ns" else 1_000_000_000
-                times.append(int(Decimal(row[clock]) * scale))
-                rows.append([float(row[c] or "nan") for c in CSV_COLUMNS])
-            except (InvalidOperation, ValueError, TypeError) as exc:
-                raise LogError(path, f"line {reader.line_num} holds no numbers") from exc
+        try:
+            return _columns_of(reader, path)
+        except UnicodeDecodeError as exc:
+            raise LogError(path, "the file is not text (UTF-8)", _CSV_NEEDS) from exc
+        except csv.Error as exc:
+            raise LogError(path, f"line {reader.line_num + 1} cannot be read ({exc})") from exc
+
+
+def _columns_of(reader: csv.DictReader[str], path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Times and quaternions (w first, as in the file) of a table of attitudes."""
+    names = reader.fieldnames or []
+    missing = [c for c in CSV_COLUMNS if c not in names]
+    clock = next((c for c in ("time_ns", "time_s") if c in names), None)
+    if missing or clock is None:
+        column = missing[0] if missing else "time_s or time_ns"
+        raise LogError(path, f"the file has no column {column}", _CSV_NEEDS)
+    # Exact: seconds since 1970 do not fit a float64 to the nanosecond
+    scale = 1 if clock == "time_ns" else 1_000_000_000
+    times: list[int] = []
+    rows: list[list[float]] = []
+    for row in reader:
+        try:
+            time_ns = int(Decimal(row[clock]) * scale)
+            rows.append([float(row[c] or "nan") for c in CSV_COLUMNS])
+        except (InvalidOperation, ValueError, TypeError, OverflowError) as exc:
+            raise LogError(path, f"line {reader.line_num} holds no numbers") from exc
+        if not -(2**63) <= time_ns < 2**63:
+            raise LogError(path, f"line {reader.line_num} holds a time that no log has")
+        times.append(time_ns)
     return np.array(times, np.int64), np.array(rows, np.float64).reshape(-1, 4)
 
 
 def at_times(time_ns: np.ndarray, q_nb: np.ndarray, at_ns: np.ndarray) -> np.ndarray:
-    """Attitude between the instants of a reference, along the shortest way.
+    """Attitude between the instants of a reference, by spherical linear interpolation.
 
     Parameters
     ----------
@@ -125,13 +138,13 @@ def at_times(time_ns: np.ndarray, q_nb: np.ndarray, at_ns: np.ndarray) -> np.nda
     """
     if not len(at_ns):
         return np.empty((0, 4))
-    # It takes longer to import than most logs to process, and few runs are held against anything
+    # Importing it takes longer than processing most logs, and few runs have a reference
     from scipy.spatial.transform import Rotation, Slerp
 
     origin = int(time_ns[0])
     course = Slerp((time_ns - origin) / 1e9, Rotation.from_quat(q_nb, scalar_first=True))
     q = course((at_ns - origin) / 1e9).as_quat(scalar_first=True)
-    # An instant that the reference has is given as it is, not to Slerp's rounding.
+    # At the reference's own instants its attitude is returned as it is, without Slerp's rounding.
     place = np.searchsorted(time_ns, at_ns)
     place = np.minimum(place, len(time_ns) - 1)
     exact = time_ns[place] == at_ns

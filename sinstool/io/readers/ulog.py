@@ -1,4 +1,4 @@
-"""ULog files of PX4, by pyulog: their sensors as the messages that a ROS 2 log would have.
+"""ULog files of PX4, read with pyulog: their sensors as ROS 2 messages.
 
 PX4 works in Forward-Right-Down and North-East-Down; the messages are in Forward-Left-Up and
 East-North-Up, as REP-103 has it. Stamps count from the start of the autopilot, as in the file.
@@ -28,12 +28,12 @@ from sinstool.io.readers.message_types import (
 )
 
 Data = Mapping[str, np.ndarray]
-# An accelerometer that was not read has this as its time
+# Relative time stamp of an accelerometer that was not read
 _NEVER = 2**31 - 1
 _TESLA_PER_GAUSS = 1e-4
 # Messages that are encoded at once
 ROWS = 2**14
-# Barometers of before 2020 give hPa; no static pressure in Pa is so small below 25 km
+# Logs from before 2020 have hPa; below 25 km no static pressure in Pa is as small as this
 _MOST_HPA = 2000.0
 
 
@@ -59,7 +59,7 @@ def _vector(data: Data, name: str) -> np.ndarray:
 
 
 def _sampled(data: Data, columns: dict[str, np.ndarray]) -> _Messages:
-    """Stamped with the time of the sample, which old versions do not have apart."""
+    """Messages stamped with the time of the sample, or in old logs with the time of logging."""
     logged = _nanoseconds(data)
     sampled = _nanoseconds(data, "timestamp_sample") if "timestamp_sample" in data else logged
     return _Messages(np.where(sampled > 0, sampled, logged), logged, columns)
@@ -68,7 +68,7 @@ def _sampled(data: Data, columns: dict[str, np.ndarray]) -> _Messages:
 def _imu(data: Data) -> _Messages:
     logged = _nanoseconds(data)
     none = np.zeros((len(logged), 9))
-    none[:, 0] = -1.0  # that the message holds no orientation
+    none[:, 0] = -1.0  # marks a message without orientation
     columns = {
         "orientation.w": np.ones(len(logged)),
         "orientation_covariance": none,
@@ -105,7 +105,7 @@ def _velocity(data: Data) -> _Messages:
     logged = _nanoseconds(data)
     ned = np.stack([data[f"vel_{axis}_m_s"].astype(np.float64) for axis in "ned"], axis=1)
     covariance = np.zeros((len(logged), 36))
-    # It is called a variance, and is a standard deviation.
+    # Despite its name it is a standard deviation.
     covariance[:, [0, 7, 14]] = data["s_variance_m_s"].astype(np.float64)[:, None] ** 2
     columns = {"twist.twist.linear.x": enu_to_ned(ned), "twist.covariance": covariance}
     good = (data["fix_type"] >= 3) & (data["vel_ned_valid"] != 0)
@@ -126,7 +126,7 @@ def _field(data: Data) -> _Messages:
 
 @dataclass(frozen=True)
 class _Topic:
-    """How the first of several PX4 topics present in the file becomes a message."""
+    """How PX4 data becomes a topic: from the first of its sources that the file has."""
 
     topic: str
     type_name: str
@@ -146,7 +146,7 @@ TOPICS = (
 
 
 class UlogLog(Log):
-    """A ULog of PX4: Imu, fixes and velocities, barometer and magnetometer, the first of each.
+    """A ULog of PX4: the first Imu, GNSS receiver, barometer and magnetometer of it.
 
     Raises
     ------
@@ -184,7 +184,7 @@ class UlogLog(Log):
                 topic.type_name, "cdr", {"header.frame_id": topic.frame}
             )
         if file.file_corruption:
-            self.damage("parts of the file are corrupt, by pyulog")
+            self.damage("parts of the file are corrupt, as pyulog reports")
 
     def _read(self, selection: frozenset[int] | None) -> Iterator[RawBatch]:
         """Messages by log time, encoded on demand."""
@@ -232,6 +232,6 @@ def _parsed(path: Path) -> Any:
     names = sorted({name for topic in TOPICS for name in topic.sources})
     try:
         return ULog(str(path), names)
-    # It raises whatever it stumbles over, TypeErrors included.
+    # It raises exceptions of many classes, TypeErrors included.
     except Exception as exc:
         raise DamagedLogError(path, f"pyulog cannot read this ULog ({exc})") from exc

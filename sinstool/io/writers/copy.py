@@ -21,13 +21,13 @@ from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.mcap_chunk import Chunk, message_indexes
 
 _START = np.iinfo(np.int64).min
-# Compressions that the format has a name for; chunks of others are written anew.
+# Compressions that the MCAP format defines; chunks with others are compressed anew
 COPIED = ("", "lz4", "zstd")
 
 
 @dataclass(frozen=True)
 class _Chunk:
-    """A chunk of the input and the records of its own message index."""
+    """A chunk of the input and its message index records."""
 
     place: ChunkPlace
     indexes: list[OtherPlace]
@@ -36,24 +36,24 @@ class _Chunk:
 class Copier:
     """Copies a log into a writer, up to the time of the results.
 
-    MCAP chunks are copied without decompression where their message index is there; everything
-    else is written anew, the payloads untouched.
+    MCAP chunks with a complete message index are copied without decompression; everything else is
+    written anew, with unchanged payloads.
 
     Parameters
     ----------
     writer : McapWriter
-        Gets the log's schemas and channels, under their own ids where it is MCAP.
+        It gets the log's schemas and channels, under their own ids if the log is MCAP.
 
     Attributes
     ----------
     findings : list of Finding
-        Definitions that the log does not have and that are not in the output therefore.
+        Message definitions that neither the log nor, therefore, the output has.
 
     Raises
     ------
     DamagedLogError
-        A channel or a record contradicts itself and the log is not read with `salvage`; with it,
-        such a record is left out and noted in the log's `lost`.
+        A channel or a record is inconsistent and the log is not read with `salvage`; with it, such
+        a record is left out and noted in the log's `lost`.
     """
 
     def __init__(self, log: Log, writer: McapWriter) -> None:
@@ -66,7 +66,7 @@ class Copier:
         self._next = next(self._items, None)
 
     def advance(self, until_ns: int) -> None:
-        """Copy all that begins at or before a log time."""
+        """Copy everything that begins at or before a log time."""
         while self._next is not None and self._begins(self._next) <= until_ns:
             self._copy(self._next)
             self._next = next(self._items, None)
@@ -109,7 +109,7 @@ class Copier:
             self.findings.append(Finding("no-definition", text, topic=topic))
 
     def _define_as_in(self, log: McapLog) -> None:
-        """Schemas and channels of an MCAP file under their own ids."""
+        """Define the schemas and channels of an MCAP file under their own ids."""
         for number, schema in log.schemas.items():
             self._writer.add_schema(schema.name, schema.encoding, schema.data, number)
         for number, channel in log.channels.items():
@@ -120,7 +120,7 @@ class Copier:
                     f" {schema_id}, which the log does not have"
                 )
                 log.damage(what, kind="definition")
-                schema_id = 0  # none, which all readers know
+                schema_id = 0  # no schema, which the format allows
             self._writer.add_channel(
                 channel.recorded_topic,
                 channel.message_encoding,
@@ -131,7 +131,7 @@ class Copier:
 
     @staticmethod
     def _mcap_items(log: McapLog) -> Iterator[_Chunk | RawBatch | OtherPlace]:
-        """Top level of an MCAP file with each chunk's index records joined to it."""
+        """Top-level records of an MCAP file, with the index records of each chunk joined to it."""
         chunk: _Chunk | None = None
         for place in log.places():
             if isinstance(place, OtherPlace) and place.opcode == Opcode.MESSAGE_INDEX:
@@ -158,7 +158,7 @@ class Copier:
 
     def _copy(self, item: _Chunk | RawBatch | OtherPlace) -> None:
         if isinstance(item, RawBatch):
-            # A message of a channel that is defined nowhere would make the output unreadable.
+            # A message of an undefined channel would make the output unreadable.
             messages = item.select(self._log.channels.keys())
             if self._wide is not None:
                 messages = replace(messages, channel=np.searchsorted(self._wide, messages.channel))
@@ -170,7 +170,7 @@ class Copier:
             self._copy_record(self._log, item)
 
     def _copy_record(self, log: McapLog, place: OtherPlace) -> None:
-        """A record at top level as it is, if it is sound."""
+        """Copy a top-level record unchanged, if it is valid."""
         record = log.read_at(place.offset, place.length)
         try:
             index = index_of(place.opcode, record, place.offset)
@@ -179,7 +179,7 @@ class Copier:
             what = f"an {kind}" if kind == "attachment" else f"a {kind} record"
             log.damage(f"{what} cannot be copied: {exc}", place.offset, kind)
             return
-        # What a recorder writes of the file itself is not true of one file made of several.
+        # rosbag2's metadata describes one file of a bag, which is wrong for their union.
         of_file = isinstance(index, MetadataIndex) and index.name == "rosbag2"
         if log is self._log or not of_file:
             self._writer.write_record_bytes(place.opcode, record)
@@ -211,7 +211,7 @@ class Copier:
         )
 
     def _own_indexes(self, chunk: _Chunk) -> list[tuple[int, bytes]] | None:
-        """The chunk's message index as the log has it; None where it cannot be relied on."""
+        """The chunk's message index in the log; None if it is damaged or incomplete."""
         log = self._log
         assert isinstance(log, McapLog)
         entries_of: list[tuple[int, bytes]] = []
@@ -239,7 +239,7 @@ def _schema(channel: Channel) -> tuple[str, str, bytes]:
         "ros1msg" if channel.message_encoding == "ros1" else "ros2msg"
     )
     if not text:
-        # Old ROS 2 bags carry no definitions; the standard ones are the best there is.
+        # Old ROS 2 bags carry no definitions; fall back on those of the standard types.
         try:
             text = schema_text(normalise_type_name(channel.type_name), channel.message_encoding)
         except DefinitionError:

@@ -1,9 +1,8 @@
 """MCAP output in bulk: the order of the file, its summary and its indexes.
 
-Chunks come ready from :mod:`~sinstool.io.writers.mcap_chunk`; every other record goes through
-mcap's own classes. All rules that readers in the field rely on are kept: an index for every channel
-of every chunk, no chunk without messages, statistics, repeated schemas and channels, summary
-offsets.
+:mod:`~sinstool.io.writers.mcap_chunk` makes the chunks; the mcap package makes most other records.
+The file has everything that existing readers rely on: an index for every channel of every chunk, no
+chunk without messages, statistics, repeated schemas and channels, and summary offsets.
 """
 
 from __future__ import annotations
@@ -25,8 +24,8 @@ from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.formats import MCAP_MAGIC as MAGIC
 from sinstool.io.writers.mcap_chunk import Chunk, pack
 
-_AHEAD = 12 * 2**20  # bytes taken in but not yet in the file at most
-_U64 = 2**64 - 1  # times are kept as int64; the bits are what the file holds
+_AHEAD = 12 * 2**20  # most bytes accepted but not yet written
+_U64 = 2**64 - 1  # times are int64 here and unsigned in the file, with the same bits
 
 
 class McapWriter:
@@ -35,18 +34,18 @@ class McapWriter:
     Parameters
     ----------
     stream : binary file
-        Open for writing; the writer counts what it writes from its first byte.
+        Open for writing, at its beginning.
     profile : str
         ``ros2`` or ``ros1``.
     library : str
-        Named in the header.
+        Name of the writing program for the header.
     compression : {'zstd', 'lz4', 'none'}
 
     Notes
     -----
-    Calls return before the file holds what they write: chunks are packed by two threads, and a
-    third puts everything into the file in the order of the calls. What goes wrong there is
-    raised by a later call, by `finish` at the latest.
+    Calls return before their data are in the file: two threads pack chunks, and a third writes
+    everything in the order of the calls. An error there is raised by a later call, at the latest by
+    `finish`.
     """
 
     def __init__(
@@ -73,7 +72,7 @@ class McapWriter:
     # -- definitions -----------------------------------------------------------------------
 
     def add_schema(self, name: str, encoding: str, data: bytes, number: int | None = None) -> int:
-        """Define a schema, or find the equal one that is there.
+        """Define a schema, or find an equal one that is defined already.
 
         Parameters
         ----------
@@ -125,12 +124,12 @@ class McapWriter:
         Parameters
         ----------
         parts : sequence of RawBatch
-            All that belongs to one stretch of time; calls come in the order of time.
+            All messages of one span of time; calls are in the order of time.
         """
         self.write_made(lambda: parts, sum(int(p.length.sum()) for p in parts))
 
     def write_made(self, make: Callable[[], Sequence[RawBatch]], size: int) -> None:
-        """Write messages as `write` does, but have them made by one of the packing threads.
+        """Write messages as `write` does, but make them in one of the packing threads.
 
         Parameters
         ----------
@@ -148,21 +147,21 @@ class McapWriter:
         self._enqueue(write, size)
 
     def write_chunk(self, read: Callable[[], Chunk], size: int) -> None:
-        """Write a chunk of another file as it is.
+        """Write a chunk of another file unchanged.
 
         Parameters
         ----------
         read : callable
-            Gives the chunk; called when it is written.
+            Returns the chunk; called when it is to be written.
         size : int
-            Bytes of its content as they are in the file.
+            Compressed size of its messages, bytes.
         """
         self._enqueue(lambda: self._write_chunk(read()), size)
 
     # -- the rest --------------------------------------------------------------------------
 
     def write_record_bytes(self, opcode: int, record: bytes) -> None:
-        """Write a top-level record as it is; metadata and attachments are indexed.
+        """Write a top-level record unchanged; metadata and attachments are indexed.
 
         Parameters
         ----------
@@ -280,14 +279,14 @@ class McapWriter:
 
 
 def _chunk_index(chunk: Chunk, start: int, end: int, after: int, offsets: list[int]) -> bytes:
-    """Record of the summary about a chunk.
+    """Chunk index record for the summary.
 
     Parameters
     ----------
     start, end, after : int
-        Where the chunk begins and ends, and where the indexes behind it end.
+        Offsets in the file at which the chunk begins and ends, and its message indexes end.
     offsets : list of int
-        Channel and place of each of these.
+        Channel id and offset of each message index, alternating.
     """
     name = chunk.compression.encode()
     pairs = len(offsets) // 2
@@ -315,7 +314,7 @@ def _bytes_of(record: records.McapRecord) -> bytes:
 
 
 def _free(taken: Collection[int]) -> int:
-    """An id that nothing has: behind the largest, as long as 16 bits hold it."""
+    """A free id: the largest plus one, or the first gap if 16 bits cannot hold that."""
     behind = max(taken, default=0) + 1
     if behind < 2**16:
         return behind

@@ -22,7 +22,7 @@ from sinstool.io.writers.solution_topics import (
     diagnostic_strings,
 )
 
-# Numeric, as the oldest supported rosbag2 reads nothing else: keep last 10, reliable, volatile.
+# Keep last 10, reliable, volatile, as numbers: the oldest supported rosbag2 reads nothing else
 QOS = """- history: 1
   depth: 10
   reliability: 1
@@ -38,8 +38,8 @@ QOS = """- history: 1
     sec: 9223372036
     nsec: 854775807
   avoid_ros_namespace_conventions: false"""
-# Payloads that are serialised at once, about six chunks of them: of fewer the threads spend more on
-# waiting for each other, of more nothing is left in the processor's cache.
+# Bytes serialised at a time, about six chunks: with fewer, the threads wait longer for each other;
+# with more, the data no longer fit into the processor's cache.
 BATCH_BYTES = 6 * 2**20
 
 
@@ -52,10 +52,10 @@ class SolutionWriter:
     emits : sequence of str
         Keys of TOPICS, and ``diagnostics``.
     before_batch : callable
-        Called with the last log time of a batch before it is written, so that what belongs
-        before it can be.
+        Called with the last log time of a batch before it is written, so that earlier messages can
+        be written first.
     diagnostic_names : sequence of str, optional
-        Of the columns of the diagnostics.
+        Names of the columns of the diagnostics.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class SolutionWriter:
         """Take solutions, in the order of time."""
         begin = 0
         while self._count + len(solution) - begin >= self._batch:
-            # only what lies across two blocks is copied
+            # only batches that span two blocks are copied
             end = begin + self._batch - self._count
             self._held.append(solution.rows(slice(begin, end)))
             self._write(concatenate(self._held))
@@ -171,7 +171,7 @@ class SolutionWriter:
     def _messages(
         self, solution: Solution, sequence: np.ndarray, due: tuple[Diagnostics, np.ndarray] | None
     ) -> list[RawBatch]:
-        """Serialise a batch; runs in the writer's threads, so it changes nothing of ours."""
+        """Serialise a batch; runs in the writer's threads, so it must not change any state."""
         rows = Rows(solution, self._frames)
         parts = []
         for topic, encoder, number in zip(self._topics, self._encoders, self._numbers, strict=True):
@@ -185,7 +185,7 @@ class SolutionWriter:
 def _serialised(
     encoder: Encoder, channel: int, columns: Columns, log_time: np.ndarray, sequence: np.ndarray
 ) -> RawBatch:
-    """Messages of one topic; ROS 1 has their number in the header too."""
+    """Messages of one topic, for ROS 1 with the sequence number in the header too."""
     for path in encoder.layout.leaves:
         if path.endswith("header.seq"):
             columns[path] = sequence

@@ -26,9 +26,9 @@ def of_rates(gyro_kind: str) -> GyroKind:
 class ConingAlgorithm(ABC):
     """Rotation vectors of the body over consecutive updates, from gyro samples.
 
-    An algorithm has no memory. The answer for one update that starts at row ``s`` depends
-    on nothing but rows ``s - before`` to ``s + samples + after - 1``, bit for bit, so it
-    cannot matter how a log was cut into blocks.
+    An algorithm has no memory. The rotation vector of an update that starts at row ``s`` depends
+    only on rows ``s - before`` to ``s + samples + after - 1``, bit for bit, so the cutting of a log
+    into blocks does not matter.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class ConingAlgorithm(ABC):
     after : int
         Later rows used where they exist.
     caveat : str
-        Printed for a user who chooses it; mostly empty.
+        Warning for a user who chooses it; usually empty.
     """
 
     name: str
@@ -77,7 +77,7 @@ class ConingAlgorithm(ABC):
         first : int
             Row of the first interval of the first update. The rows before it are history.
             Fewer than :attr:`before` mean that the segment starts here: the algorithm then
-            uses the sharpest form that the history it has allows.
+            uses the most accurate form for the history that there is.
         count : int
             Number of updates. The rows after them are look-ahead; fewer than :attr:`after`
             mean that the segment ends here.
@@ -115,8 +115,9 @@ class ConingAlgorithm(ABC):
     def for_kind(self, gyro_kind: GyroKind) -> ConingAlgorithm:
         """Form of this algorithm for the kind of sample that a log has.
 
-        Whoever feeds an algorithm asks for this form first. Most have one only, and samples
-        are turned into what it takes; one that gains from knowing gives another here.
+        Callers must use the form that this returns. Most algorithms have a single form, and
+        samples are converted to its input; one that gains from knowing the kind of sample returns
+        another form here.
 
         Parameters
         ----------

@@ -13,7 +13,7 @@ from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.small_file import read_text
 
-_FORMS = "none, cheb:ORDER,RIPPLE_DB,HZ, butter:ORDER,HZ or a file with lines of HZ,GAIN"
+_FORMS = "give none, cheb:ORDER,RIPPLE_DB,HZ, butter:ORDER,HZ or a file with lines of HZ,GAIN"
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def butterworth(order: int, frequency: float) -> GyroResponse:
     order : int
         1 or more.
     frequency : float
-        Where the power is half, Hz.
+        Half-power (-3 dB) frequency, Hz.
 
     Returns
     -------
@@ -80,12 +80,13 @@ def chebyshev(order: int, ripple_db: float, frequency: float) -> GyroResponse:
     Parameters
     ----------
     order : int
-        1 or more. At frequency 0 the ripple of an even order has its minimum, so that its
-        passband reaches from 1 up to the ripple above 1; that of an odd one its maximum.
+        1 or more. The passband gain of an even order lies between 1 and 1 plus the ripple, as
+        frequency 0 is a minimum of its ripple; that of an odd order between 1 less the ripple
+        and 1.
     ripple_db : float
-        Of the passband, dB.
+        Ripple of the passband, dB, between 0 and 3.
     frequency : float
-        Where the power is half of the passband's maximum, Hz.
+        Frequency at which the power is half of the passband's maximum, Hz.
 
     Returns
     -------
@@ -101,7 +102,8 @@ def chebyshev(order: int, ripple_db: float, frequency: float) -> GyroResponse:
     _check("Chebyshev", order, frequency)
     if not 0.0 < ripple_db < 3.0:
         raise ConfigurationError(
-            f"a Chebyshev gyro response has a ripple of {ripple_db} dB", "between 0 and 3 dB"
+            f"a Chebyshev gyro response has a ripple of {ripple_db} dB",
+            "the ripple must be between 0 and 3 dB",
         )
     square = 10.0 ** (0.1 * ripple_db) - 1.0
     edge = frequency / np.cosh(np.arccosh(1.0 / np.sqrt(square)) / order)
@@ -117,17 +119,17 @@ def chebyshev(order: int, ripple_db: float, frequency: float) -> GyroResponse:
 
 
 def measured(frequency: ArrayLike, gain: ArrayLike, name: str = "table") -> GyroResponse:
-    """Gain that was measured, interpolated without overshoot.
+    """Response from a table of measured gains, interpolated without overshoot.
 
     Parameters
     ----------
     frequency : array_like, shape (n,)
         Hz, increasing.
     gain : array_like, shape (n,)
-        Positive. Scaled so that it is 1 at frequency 0; below the first and above the last
-        frequency it stays as it is there.
+        Positive. Divided by the first gain, so that the gain is 1 at frequency 0; constant below
+        the first and above the last frequency.
     name : str, optional
-        To be shown.
+        Shown in messages and reports.
 
     Raises
     ------
@@ -151,7 +153,7 @@ def measured(frequency: ArrayLike, gain: ArrayLike, name: str = "table") -> Gyro
 
 
 def gyro_response(text: str | GyroResponse | None) -> GyroResponse:
-    """Response as it is named on the command line.
+    """Response from the text of ``--gyro-response``.
 
     Parameters
     ----------
@@ -162,7 +164,7 @@ def gyro_response(text: str | GyroResponse | None) -> GyroResponse:
     Raises
     ------
     ConfigurationError
-        If it cannot be understood, or the file not be read.
+        If the text cannot be understood or the file cannot be read.
     """
     if isinstance(text, GyroResponse):
         return text
@@ -175,7 +177,7 @@ def gyro_response(text: str | GyroResponse | None) -> GyroResponse:
             order, *others = (float(part) for part in rest.split(","))
         except ValueError:
             raise ConfigurationError(f"unknown gyro response {text!r}", _FORMS) from None
-        if len(others) + 1 != counts[kind] or order != int(order):
+        if len(others) + 1 != counts[kind] or not order.is_integer():
             raise ConfigurationError(f"unknown gyro response {text!r}", _FORMS)
         return (chebyshev if kind == "cheb" else butterworth)(int(order), *others)
     path = Path(text)
@@ -194,5 +196,5 @@ def _check(what: str, order: int, frequency: float) -> None:
     if order < 1 or not 0.0 < frequency < np.inf:
         raise ConfigurationError(
             f"a {what} gyro response of order {order} at {frequency} Hz is impossible",
-            "order 1 or more, frequency in Hz above 0",
+            "the order must be 1 or more and the frequency above 0 Hz",
         )

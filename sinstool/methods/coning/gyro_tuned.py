@@ -1,16 +1,16 @@
 """Coning coefficients tuned to a gyro's response: little pseudo-coning, true coning unchanged.
 
-Noise of the two axes that is in phase quadrature (vibration of the gyro's parts, of its mount,
-or what its filter lets through) looks like coning and is turned into drift by every algorithm
-that is sharp at its frequency. Where the motion is known to end at a passband fp, the answer to
-everything above a stopband fs can be made nothing; and where the gyro's response G is known,
-the answer below fp can be made right for the motion instead of for the gyro's output.
+Noise of two axes in phase quadrature (vibration of the gyro's parts or of its mount, or what its
+filter lets through) looks like coning, and every algorithm that compensates coning at its frequency
+turns it into drift. Where the motion is known to end at a passband fp, the response above a
+stopband fs can be made zero; and where the gyro's response G is known, the response below fp can be
+made exact for the motion instead of for the gyro's output.
 
 Every sample has an update from the M samples before it,
 
     phi_j = d_j + (sum over m = 1..M of y_m d_(j-m)) x d_j,
 
-whose long-term answer to coning of l = 2 pi f T is, as a fraction of the true rate,
+whose long-term response to coning of l = 2 pi f T is, as a fraction of the true rate,
 
     rho = D**2 (cot(l/2) / 2 + 2 sum over m of y_m sin(m l)) / l,                         (1)
 
@@ -62,8 +62,8 @@ class GyroTuned(ConingAlgorithm):
         Hz, up to which coning is motion. Without any band it is 0.15 of the sampling rate;
         with a stopband only, 6/11 of it.
     stopband : float, optional
-        Hz, from which on nothing is motion. Without any band it is 0.275 of the sampling
-        rate; with a passband only, there is none.
+        Hz, above which nothing is motion. Without any band it is 0.275 of the sampling rate;
+        with a passband only, there is none.
     gyro_response : str or GyroResponse, optional
         See :func:`~sinstool.methods.coning.gyro_response.gyro_response`; by default ``none``.
     interval : float, optional
@@ -78,7 +78,7 @@ class GyroTuned(ConingAlgorithm):
     weights : ndarray, shape (lags,)
         ``y_1 .. y_M``.
     caveat : str
-        What a user has to know.
+        Its limits, for the user.
 
     Raises
     ------
@@ -101,14 +101,16 @@ class GyroTuned(ConingAlgorithm):
     ) -> None:
         self.response = responses.gyro_response(gyro_response)
         if interval is not None and not (isfinite(interval) and interval > 0.0):
-            raise ConfigurationError(f"gyro-tuned got an interval of {interval} s", "give it in s")
+            raise ConfigurationError(
+                f"gyro-tuned got an interval of {interval} s", "give a positive number of seconds"
+            )
         if interval is None and not (passband is None and stopband is None and self.response.flat):
             raise ConfigurationError(
                 "gyro-tuned got a frequency without the sample interval",
                 "give interval in s, or neither bands nor a gyro response",
             )
         if not (isinstance(lags, int) and 2 <= lags <= MOST_LAGS):
-            raise ConfigurationError(f"gyro-tuned got {lags} lags", f"2 to {MOST_LAGS}")
+            raise ConfigurationError(f"gyro-tuned got {lags} lags", f"give 2 to {MOST_LAGS}")
         self.interval = interval
         self.gyro_kind: GyroKind = gyro_kind
         self.before = self.lags = lags
@@ -127,11 +129,16 @@ class GyroTuned(ConingAlgorithm):
         self.summary = (
             f"every sample, with {lags} earlier ones: coning up to {self.passband:g}{stop} {unit}"
         )
+        above = (
+            f"real coning above {self.stopband:g} {unit} is deliberately ignored and becomes drift,"
+            " more of it than with other algorithms"
+            if self.stopband
+            else "above that its response is not controlled, and real coning there may become drift"
+        )
         self.caveat = (
-            f"gyro-tuned answers to coning up to {self.passband:g} {unit} only: real coning above"
-            f" {(self.stopband or self.passband):g} {unit} is deliberately ignored and becomes"
-            " drift, more of it than with other algorithms. Content above half the sampling rate"
-            " is folded into the samples, and no algorithm can separate it."
+            f"gyro-tuned compensates coning up to {self.passband:g} {unit} only: {above}. Content"
+            " above half the sampling rate is folded into the samples, and no algorithm can"
+            " separate it."
         )
 
     def for_kind(self, gyro_kind: GyroKind) -> ConingAlgorithm:
@@ -236,6 +243,6 @@ def _bands(
         stop = "" if stopband is None else f" and a stopband from {stopband:g} Hz"
         raise ConfigurationError(
             f"gyro-tuned got a passband to {passband:g} Hz{stop}",
-            f"0 < passband < stopband < {0.5 * rate:g} Hz, half the sampling rate",
+            f"give 0 < passband < stopband < {0.5 * rate:g} Hz, half the sampling rate",
         )
     return passband, stopband

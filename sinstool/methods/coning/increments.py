@@ -5,13 +5,12 @@ on the interval, and that polynomial is integrated over the interval. At the end
 segment the same polynomial is used off its centre, so that the order stays the same; a
 segment with fewer samples uses all it has.
 
-How many points: coning of 0.1 deg at 30 Hz, sampled at 400 Hz and answered by ``previous-3``,
-leaves a drift of 2.2, 0.089, 4.2e-3 or 4.1e-4 deg/h with 2, 4, 6 or 8 points; no compensation
-at all leaves 2.2 deg/h and exact increments 2.2e-4. So 2 points, the trapezoid, undo what any
-algorithm gains. The price of more is noise, and it is paid at the ends: of the power of white
-noise a centred stencil keeps 0.50, 0.59, 0.63, 0.65 but the outermost one 0.50, 0.81, 1.53,
-4.1. Hence 6, where no interval of a segment gets much more than its share; 8 for a gyro that
-is sampled slowly and quiet.
+On the number of points: with coning of 0.1 deg at 30 Hz, sampled at 400 Hz, ``previous-3`` drifts
+by 2.2, 0.089, 4.2e-3 or 4.1e-4 deg/h with 2, 4, 6 or 8 points, and by 2.2e-4 deg/h with exact
+increments; exact increments without any compensation drift by 2.2 deg/h. So 2 points, the
+trapezoid, cancel the gain of any algorithm. More points cost noise, mostly at the ends: of the
+power of white noise a centred stencil passes 0.50, 0.59, 0.63, 0.65, but the outermost one 0.50,
+0.81, 1.53, 4.1. Hence the default of 6; 8 suits a quiet gyro that is sampled slowly.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ def convert(samples: FloatArray, dt: FloatArray, gyro_kind: GyroKind, takes: Tak
     gyro_kind : {"rate", "mean-rate", "increment"}
         What the samples are.
     takes : {"increments", "rates"}
-        What is wanted. The mean rate of an interval stands for the rate at its end.
+        Input of the algorithm. The mean rate of an interval is used as the rate at its end.
 
     Returns
     -------
@@ -53,7 +52,7 @@ def convert(samples: FloatArray, dt: FloatArray, gyro_kind: GyroKind, takes: Tak
     Raises
     ------
     ValueError
-        For rates where increments are wanted: see :class:`RateIntegrator`.
+        For point rates where increments are needed: see :class:`RateIntegrator`.
     """
     if takes == "rates":
         return samples / dt[:, np.newaxis] if gyro_kind == "increment" else samples

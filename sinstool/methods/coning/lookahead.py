@@ -1,26 +1,26 @@
 """Coning with later samples as well, which only a recorded log allows.
 
-The polynomial through P consecutive values of the cumulative angle, centred on a sample
-interval, is far sharper there than anything that looks back only, and so there is no need for
-long updates: every sample has one. The interval is cut into eight sub-increments, the rate
-polynomial of degree 7 that reproduces them is integrated exactly (as
-:mod:`~sinstool.methods.coning.picard` does), and all that is linear in it is one constant matrix.
+The polynomial through P consecutive values of the cumulative angle, centred on a sample interval,
+is far more accurate there than one through earlier values only. So long updates are not needed:
+every sample ends one. The interval is cut into eight sub-increments, the rate polynomial of degree
+7 that reproduces them is integrated exactly (as :mod:`~sinstool.methods.coning.picard` does), and
+the linear part of this is one constant matrix.
 
 The sum of the sub-increments is the increment, so noise accumulates as without any correction.
 
-At the ends of a segment the polynomial is used off its centre. With increments that concerns
-the small correction only. With point rates it concerns the angle itself, and there the
-one-sided polynomial through P rates multiplies the noise by ten. So the first and the last
-intervals take P + 4 rates, with the weights that
+At the ends of a segment the polynomial is used off its centre. With increments this affects the
+small correction only. With point rates it affects the angle itself, and there the one-sided
+polynomial through P rates multiplies the noise by ten. So the first and the last intervals take
+P + 4 rates, with weights that
 
 * integrate polynomials of degree 5 exactly,
-* and beyond that have the least mean square error for all sinusoids up to 1/7 of the sampling
-  rate, noise of 3e-6 of the signal included,
+* and, within that condition, have the least mean square error for all sinusoids up to 1/7 of the
+  sampling rate, with noise of 3e-6 of the signal,
 
-which leave less error than the polynomial and a quarter of its noise.
+which leaves a smaller error than the polynomial and a quarter of its noise.
 
-Like every sharp interpolation it takes what is in the samples for motion below half the
-sampling rate. A log that was subsampled without a filter breaks that promise.
+Like every sharp interpolation it assumes that the samples hold motion below half the sampling rate
+only, which a log that was subsampled without a filter violates.
 """
 
 from __future__ import annotations

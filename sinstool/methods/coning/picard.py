@@ -34,12 +34,12 @@ from sinstool.core.quaternion_kernels import cross, put, row, to_rotation_vector
 from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 from sinstool.methods.coning.polynomial import table, through_increments
 
-# More increments per update than this make the polynomial through them unruly: white noise
-# of the increments comes out of its ends a thousand times as large.
+# With more increments per update the polynomial through them is ill-conditioned: at its ends it
+# amplifies white noise of the increments a thousandfold.
 MOST_SAMPLES = 10
 
-# Bounds that no data meet: forty terms are enough for a whole turn, and the parts are of one
-# radian or so each.
+# Bounds that no real data reach: forty terms suffice for a whole turn, and a part turns by about a
+# radian.
 MOST_TERMS = 96
 MOST_PARTS = 1024
 
@@ -54,8 +54,8 @@ class Picard(MultiSampleAlgorithm):
     before : int, optional
         Earlier increments through which the polynomial passes too, where they exist.
     iterations : int, optional
-        Stop after so many integrals instead of at convergence: for comparison with
-        algorithms that do.
+        Stop after this many integrals instead of at convergence, for comparison with algorithms
+        that do.
     name : str, optional
         By default ``picard-N``.
 
@@ -122,7 +122,7 @@ def picard(samples: int) -> Picard:
 
 
 def check_samples(family: str, samples: int, least: int) -> None:
-    """Refuse updates that a polynomial cannot stand for."""
+    """Refuse a number of samples per update that no polynomial of the family can take."""
     if not least <= samples <= MOST_SAMPLES:
         raise ConfigurationError(
             f"{family}-{samples} has {samples} samples per update",

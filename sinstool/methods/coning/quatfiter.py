@@ -11,11 +11,11 @@ which needs no more than the rules for products and integrals of Chebyshev polyn
     integral of T_k = T_(k+1) / (2 (k+1)) - T_(k-1) / (2 (k-1))     (k > 1).
 
 The iteration is linear in q, so it is run on its increments ``d_l = q_l - q_(l-1)``: they
-shrink like ``|phi/2|**l / l!``, and of each only the coefficients are kept that still count.
-The paper cuts every iterate at order N + 4 or N + 5 and iterates 12 to 15 times. For smooth
-motion that is the same to rounding. For increments with noise it is not (a product of three
-rates of degree N - 1 has coefficients of order 3 N), and here order and number follow from
-the data; nothing is lost, and in usual motion both are less.
+shrink like ``|phi/2|**l / l!``, and only the coefficients of each that still matter are kept.
+The paper truncates every iterate at order N + 4 or N + 5 and iterates 12 to 15 times. For smooth
+motion the result is the same to rounding. For noisy increments it is not (a product of three rates
+of degree N - 1 has coefficients of order 3 N). Here the order and the number of iterations follow
+from the data: nothing is lost, and in usual motion both are smaller.
 
 References
 ----------
@@ -37,7 +37,7 @@ from sinstool.methods.coning import polynomial
 from sinstool.methods.coning.algorithm import ConingAlgorithm, MultiSampleAlgorithm
 from sinstool.methods.coning.picard import check_samples, fit, times_vector
 
-# Bounds that no data meet: a whole turn needs 25 iterations.
+# Bounds that no real data reach: a whole turn needs 25 iterations.
 _MOST_ITERATIONS = 64
 _MOST_ORDER = 96
 

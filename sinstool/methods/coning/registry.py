@@ -1,8 +1,8 @@
 """Names of the coning algorithms, and how each is built.
 
-One line per family: a pattern for its names, the function that builds one (imported only
-when asked for, so that naming algorithms costs nothing), the names shown to users, and the
-options that it takes.
+One line per family: a pattern for its names, the function that builds an algorithm (imported only
+when it is used, so that listing the names is cheap), the names shown to users, and the options that
+it takes.
 
 Other distributions add algorithms with an entry point of the group ``sinstool.coning``, and
 programs with `register`.
@@ -84,8 +84,8 @@ def register(name: str, build: Callable[[], ConingAlgorithm]) -> None:
     name : str
         As for ``--coning``: small letters, digits and hyphens.
     build : callable
-        Returns a new :class:`~sinstool.methods.coning.algorithm.ConingAlgorithm`; the class itself,
-        if it takes no arguments. A name that was registered before gets the new one.
+        Returns a new :class:`~sinstool.methods.coning.algorithm.ConingAlgorithm`; may be the class
+        itself, if it takes no arguments. Replaces what was registered under the name before.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def algorithm(name: str, **options: Any) -> ConingAlgorithm:
     Raises
     ------
     ConfigurationError
-        If the name is unknown, an option is none of its own, or a value is impossible.
+        If the name is unknown, the algorithm has no such option, or a value is impossible.
     """
     for family in FAMILIES:
         match = re.fullmatch(family.pattern, name)
@@ -158,7 +158,7 @@ def algorithm(name: str, **options: Any) -> ConingAlgorithm:
         return _foreign(name, options)
     there_are = all_names()
     near = nearest(name, there_are)
-    hint = f"there are {', '.join(there_are)}, and most of the numbered ones with other numbers"
+    hint = f"there are {', '.join(there_are)}, and most numbered ones with other numbers too"
     raise ConfigurationError(
         f"unknown coning algorithm {name!r}", f"{near} {hint.capitalize()}" if near else hint
     )
@@ -189,6 +189,11 @@ def _foreign(name: str, options: dict[str, Any]) -> ConingAlgorithm:
 
 def _own(name: str) -> bool:
     return any(re.fullmatch(family.pattern, name) for family in FAMILIES)
+
+
+def options_of(name: str) -> tuple[str, ...]:
+    """Keyword options of an algorithm; those of other distributions have none."""
+    return next((f.options for f in FAMILIES if re.fullmatch(f.pattern, name)), ())
 
 
 def origin(name: str) -> str:

@@ -45,12 +45,12 @@ _NARROW = 1e-4
 
 
 def drifts_from_phi(phi: FloatArray, duration: float, frequency: FloatArray) -> FloatArray:
-    """Long-term drifts of an algorithm from its answers for one update of classical coning.
+    """Long-term drifts of an algorithm from its rotation vectors in classical coning.
 
     Parameters
     ----------
     phi : ndarray, shape (n, 3)
-        Answers for any one update, rad, of coning about the body's z axis whose rate vector
+        Rotation vectors of any one update, rad, of coning about the body's z axis whose rate vector
         turns about +z (as in :func:`coning_samples`).
     duration : float
         Of the update, s.
@@ -146,7 +146,7 @@ def coning_drifts(
     Parameters
     ----------
     algorithm : ConingAlgorithm
-        With all the history and look-ahead that it uses.
+        It gets all the history and look-ahead that it uses.
     half_angle : float
         Of the cone, rad.
     frequency : array_like, shape (n,)
@@ -154,7 +154,7 @@ def coning_drifts(
     interval : float
         Between gyro samples, s.
     gyro_kind : {"rate", "mean-rate", "increment"}, optional
-        What the samples are; turned into what the algorithm takes as a log would be.
+        What the samples are; converted to the algorithm's input as those of a log are.
     points : int, optional
         Samples of the rate interpolation.
 
@@ -228,7 +228,7 @@ class ConingSpectrum:
     interval : float
         Between samples, s.
     gyro_kind : {"rate", "mean-rate", "increment"}
-        What the samples are, which decides the answer of an algorithm.
+        What the samples are, on which the response of an algorithm depends.
     """
 
     frequency: FloatArray
@@ -242,7 +242,7 @@ class ConingSpectrum:
         return float(self.frequency[1] - self.frequency[0])
 
     def coning_rate(self) -> FloatArray:
-        """Rate of all the coning there is, rad/s, by axis."""
+        """Rate of all coning, rad/s, by axis."""
         return np.asarray(self.density.sum(axis=0) * self.step)
 
     def cumulative(self) -> FloatArray:
@@ -323,12 +323,12 @@ def predicted_drift(
     spectrum : ConingSpectrum
         Of the log's samples.
     algorithm : ConingAlgorithm
-        To be fed with them.
+        That processes them.
     passband : float, optional
         Hz, above which nothing is motion; by default everything is.
     interval, gyro_kind : optional
-        Of the samples that the algorithm is fed with, if they are fewer or others than those
-        that the spectrum is of: what it would do to a log at a lower rate.
+        Of the algorithm's samples, if they differ from those of the spectrum: for its drift on a
+        log at a lower rate.
 
     Returns
     -------

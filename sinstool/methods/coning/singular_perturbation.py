@@ -3,7 +3,7 @@
 Between two samples the rate is modelled as ``a exp(-t/epsilon) - b t + c`` (eq. 10 of
 [1]_) with ``b = beta``, ``c = beta T + w2``, ``a = w1 - c``: a slow part and a boundary
 layer of duration epsilon. Its integral and the integral of ``alpha x omega / 2`` are the
-rotation vector. Four variants differ in three numbers only,
+rotation vector. The four variants differ only in the three numbers A, K1 and K2 of
 
     phi = A a - b T**2 / 2 + c T + (K1 a x b + K2 c x a + T**3 / 6 b x c) / 2 :
 
@@ -16,8 +16,8 @@ exact       T g0          T**3 g1                        T**2 g2
 bvp         T (1 - L) / 2 T**3 (h1 - 1/6)                T**2 h2
 =========== ============= ============================== ========================
 
-``printed`` is eq. 11 of the paper to the letter: one sign and one power in it are wrong,
-so that it depends on the unit of time (seconds are meant). ``truncated`` corrects both and
+``printed`` is eq. 11 of the paper as printed: one sign and one power in it are wrong, so that it
+depends on the unit of time (seconds here). ``truncated`` corrects both and
 drops ``exp(-T/epsilon)`` as the paper does; ``exact`` keeps it; ``bvp`` solves eq. 3 for
 both of its boundary values, where the paper's boundary layer misses the second one.
 
@@ -118,7 +118,7 @@ class SingularPerturbation(ConingAlgorithm):
             if preset not in PRESETS:
                 raise ConfigurationError(
                     f"unknown singular-perturbation preset {preset!r}",
-                    f"one of {', '.join(PRESETS)}",
+                    f"give one of {', '.join(PRESETS)}",
                 )
             epsilon, self.relative, beta_gain = PRESETS[preset]
             variant = variant or "truncated"
@@ -135,7 +135,7 @@ class SingularPerturbation(ConingAlgorithm):
         if variant not in VARIANTS:
             raise ConfigurationError(
                 f"unknown singular-perturbation variant {variant!r}",
-                f"one of {', '.join(VARIANTS)}",
+                f"give one of {', '.join(VARIANTS)}",
             )
         vector = None if beta is None else tuple(float(value) for value in beta)
         if vector is not None and len(vector) != 3:
@@ -144,10 +144,11 @@ class SingularPerturbation(ConingAlgorithm):
             )
         if not isfinite(epsilon) or epsilon < 0.0:
             raise ConfigurationError(
-                f"singular-perturbation epsilon is {epsilon}", "it is a duration in seconds, >= 0"
+                f"singular-perturbation epsilon is {epsilon}",
+                "give a duration of 0 s or more",
             )
         if not all(isfinite(value) for value in vector or (cast(float, beta_gain),)):
-            raise ConfigurationError("singular-perturbation beta is not finite", "check the option")
+            raise ConfigurationError("singular-perturbation beta is not finite", "give numbers")
         self.variant = cast(Variant, variant)
         self.epsilon = float(epsilon)
         self.beta_gain = None if beta_gain is None else float(beta_gain)
@@ -173,8 +174,8 @@ class SingularPerturbation(ConingAlgorithm):
         p : float
             s.
         kappa : float
-            s^2. ``2 kappa / T**2 - p/T (1 - p/T)`` is the Q that alone decides the drift
-            in coning: 0 is no compensation, 1/12 the optimum.
+            s^2. The drift in coning depends on ``Q = 2 kappa / T**2 - p/T (1 - p/T)`` only: 0 is
+            no compensation, 1/12 the optimum.
 
         Raises
         ------

@@ -1,19 +1,19 @@
 """Parameters of the singular-perturbation algorithm from a log.
 
 With eq. (14) of the paper every variant is ``phi = p w1 + (T - p) w2 + kappa w1 x w2``, and its
-long-term answer to coning of ``l = 2 pi f T`` depends on one number,
+long-term response to coning of ``l = 2 pi f T`` depends on one number,
 ``Q = 2 kappa / T**2 - p/T (1 - p/T)``:
 
     rho = D**2 / l (cot(l/2) / 2 + Q sin l),                                               (a)
 
 with D = l for point rates and 2 sin(l/2) for mean rates. For a coning spectrum K(f) the drift
-``sum of K (rho - 1)`` is therefore nothing at
+``sum of K (rho - 1)`` is therefore zero at
 
     Q* = sum of K (1 - rho_0) / sum of K D**2 / l sin l,   rho_0 = rho at Q = 0,           (b)
 
 and ``epsilon = T/2, n = 6 Q* + 3/2`` of the truncated variant has that Q and weighs both rates
-alike. Tuning on anything else does harm: the paper's per-interval error (18) is smallest where
-the drift is larger, and a fit to rotation vectors is swamped by interpolation errors.
+alike. Other criteria do harm: where the paper's per-interval error (18) is smallest the drift is
+larger, and a fit to rotation vectors is swamped by interpolation errors.
 
 The paper's bounds on its parameters are given as information, in the one reading of them that
 is consistent in its units:
@@ -49,8 +49,8 @@ FLOOR_SHARE = 0.2  # of the band, its top: where the spectrum is taken for noise
 SIGNAL_TO_NOISE = 3.0
 EPSILON_RANGE = (1e-3, 100.0)  # of the interval
 
-# Of the coning that there would be if all motion in the passband coned one way round: less is
-# what noise beside motion gives by chance.
+# Fraction of the coning that the motion in the passband would have if all of it coned one way
+# round; noise alone gives less than this by chance.
 _LEAST_COHERENT = 0.01
 
 
@@ -98,10 +98,10 @@ class SpBounds:
     Attributes
     ----------
     status : {"ok", "noise-limited"}
-        ``noise-limited`` where half of the windows or more hold little but noise: the bounds
-        are those of the noise then, and mean nothing.
+        ``noise-limited`` where at least half of the windows hold little but noise; the bounds are
+        then those of the noise and mean nothing.
     windows, noise_limited : int
-        How many there are, and of those little but noise.
+        Number of windows, and of those that hold little but noise.
     epsilon_upper : tuple of 3 float
         s, within 1e-3 and 100 intervals.
     gain_lower : tuple of 3 float
@@ -119,7 +119,7 @@ class SpBounds:
 
 
 def coning_answer(turn: ArrayLike, q: float, gyro_kind: GyroKind = "rate") -> FloatArray:
-    """Fraction of the true coning rate that two rates give, eq. (a).
+    """Fraction of the true coning rate that the two-rate form reproduces, eq. (a).
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def coning_answer(turn: ArrayLike, q: float, gyro_kind: GyroKind = "rate") -> Fl
 
 
 def best_q(turn: float, gyro_kind: GyroKind = "rate") -> float:
-    """Q that makes the answer to one line exact.
+    """Q that makes the response to coning at one frequency exact.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def best_q(turn: float, gyro_kind: GyroKind = "rate") -> float:
     Returns
     -------
     float
-        1/12 at 0, and 1/6 for mean rates.
+        At 0 it is 1/12 for point rates and 1/6 for mean rates and increments.
     """
     if turn < 1e-3:
         return 1.0 / 12.0 if gyro_kind == "rate" else 1.0 / 6.0
@@ -188,9 +188,9 @@ def tune(
 
     Notes
     -----
-    ``best`` is kept too where the passband holds little but noise (as in :func:`bounds`),
-    where the coning at different frequencies cancels, and where Q* is outside of what single
-    lines in the passband would give: all of that is chance, and not to be tuned to.
+    ``best`` is also returned where the passband holds little but noise (as in :func:`bounds`),
+    where the coning at different frequencies cancels, and where Q* is outside the range that single
+    frequencies in the passband give: such a Q* is due to chance.
     """
     if passband is not None and not 0.0 < passband * interval < 0.5:
         raise ValueError(
@@ -312,7 +312,7 @@ def bounds(
 
 
 def _most_coning(gyro: ArrayLike, spectrum: ConingSpectrum) -> FloatArray:
-    """Coning density that a motion of the same spectrum would have if it went in circles."""
+    """Coning density that a circular motion with the same spectrum would have."""
     rate = np.asarray(gyro, dtype=np.float64)
     if spectrum.gyro_kind == "increment":
         rate = rate / spectrum.interval

@@ -1,8 +1,8 @@
 """Rotation vectors from the gyro samples of one segment, block by block.
 
-A segment is a stretch of a log without gaps. Its first sample gives the instant at which
-it starts; every interval after that is answered for exactly once, and the answers do not
-depend, to the last bit, on how the segment was cut into blocks.
+A segment is a stretch of a log without gaps. Its first sample gives the instant at which it
+starts; every interval after that belongs to exactly one update, and the results are the same, bit
+for bit, however the segment is cut into blocks.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 
 @dataclass(frozen=True)
 class RotationVectors:
-    """Answers for consecutive updates.
+    """Rotation vectors of consecutive updates.
 
     Attributes
     ----------
@@ -44,8 +44,8 @@ class ConingStage:
     Parameters
     ----------
     algorithm : ConingAlgorithm
-        See :func:`sinstool.methods.coning.registry.algorithm`; of several forms that for the kind
-        of sample is taken.
+        See :func:`sinstool.methods.coning.registry.algorithm`; its form for the kind of sample is
+        used.
     gyro_kind : {"rate", "mean-rate", "increment"}
         What the samples are; see `sinstool.core.conventions`. Rates for an algorithm
         that takes increments are integrated by

@@ -12,11 +12,11 @@ owns the correction A and everything that decides whether a barometer is used::
     out = smooth_height(state, time, height)
 
 Phases: INIT until two samples agree, ENGAGED, and COAST where no sample was good for a while.
-A coast does not start from the correction of that moment, which is noise of the barometer, but
-from a *shadow channel*: the same network with a longer time constant, fed with the same
-acceleration. A *witness*, free of the barometer, tells a sensor that hangs from a vehicle that
-stands. Times are seconds on one clock of the host's choice. All functions are compiled, take
-and return scalars, and allocate nothing; the arrays are those of
+A coast does not start from the current correction, which holds the noise of the barometer, but
+from that of a *shadow channel*: the same network with a longer time constant, fed with the same
+acceleration. A *witness*, integrated without the barometer, tells a frozen sensor from a vehicle at
+rest. Times are seconds on one clock, chosen by the host. All functions are compiled, take and
+return scalars, and allocate nothing; the arrays are those of
 :mod:`~sinstool.methods.height.layout`.
 """
 
@@ -31,13 +31,13 @@ from sinstool.methods.height.history import at_stamp, note_interval, remember, s
 from sinstool.methods.height.network import pole_matched_gains
 from sinstool.methods.height.pressure import FROZEN_TIME
 
-GATE_MEMORY = 30.0  # s, of the running RMS of accepted differences
-RECENT = 1.0  # s, of their running mean, which is no part of a jump
-JUMP_SAMPLES = 5  # rejected in a row, agreeing, before the barometer is said to have jumped
-JUMP_TIME = 0.75  # s, and over at least this long
-COAST_TIME = 2.0  # s without a good sample
-COAST_INTERVALS = 5.0  # or so many usual intervals, whichever is longer
-# A jump of a slow barometer is known just when the coast would begin: wait for that sample.
+GATE_MEMORY = 30.0  # s, time constant of the running RMS of accepted differences
+RECENT = 1.0  # s, time constant of their running mean, which is subtracted from a jump
+JUMP_SAMPLES = 5  # consecutive rejected samples that agree make a jump of the barometer
+JUMP_TIME = 0.75  # s, and they span at least this long
+COAST_TIME = 2.0  # s without a good sample before a coast
+COAST_INTERVALS = 5.0  # or this many usual intervals, whichever is longer
+# With a slow barometer the sample that confirms a jump comes just as the coast would begin.
 COAST_INTERVALS_STREAK = 7.0
 VALID_COAST = 300.0  # s
 STEP_FADE = 20.0  # s
@@ -45,10 +45,10 @@ STEP_FADE = 20.0  # s
 # height goes as t^m, m the largest root of (m - 2) ((m + 3g) (m - 1) + 3g^2) + g^3: -0.8 for 6,
 # but for 4 it is positive.
 GROWTH = 6.0
-FROZEN_SPEED = 1.0  # m/s, mean vertical speed in that time
-FROZEN_UNUSUAL = 5.0  # times as long as it ever kept a value before
-FROZEN_CHANGES = 20.0  # of its value, before that is known
-FROZEN_SETTLED = 20.0  # s after engaging, before a witness is worth hearing
+FROZEN_SPEED = 1.0  # m/s, mean vertical speed while a frozen sensor repeats its value
+FROZEN_UNUSUAL = 5.0  # times as long as the sensor ever kept a value before
+FROZEN_CHANGES = 20.0  # changes of its value before that longest time is known
+FROZEN_SETTLED = 20.0  # s after engaging before a witness can be trusted
 ROUNDING = 1e-9  # s
 
 
@@ -151,22 +151,25 @@ def baro_sample(
     height, v_up : float
         The host's, corrected so far, m and m/s.
     stamp : float
-        When the sample was measured, s: usually since the IMU step before; up to half a second
-        older is used at its own time; older than that, only its difference is.
+        When the sample was measured, s. A sample up to half a second late is compared, and
+        corrects, at its own time; a later one is compared with the height extrapolated back to its
+        stamp, and corrects at `time`.
     height_baro : float
-        Barometric height, m, as made of the pressure: no offset of this channel, no estimate of
-        a filter taken off (those lie in the state).
+        Barometric height, m, as computed from the pressure. The channel's own offset and a
+        filter's estimate of the bias are in the state, and must not be applied to it.
     reason : int
-        ACCEPTED, or why the caller knows that the sample is none.
+        ACCEPTED, or one of the other reasons where the caller knows that the sample is unusable.
 
     Returns
     -------
     what : int
         NOTHING; CORRECTED with the gains in ``state[S_L1:S_L3 + 1]``; RESET of the height to
         the barometer, gains (1, 0, 0); JUMPED, corrected after the barometer's offset was
-        changed; RESTORED, all three taken from a witness since the barometer hangs.
+        changed; RESTORED, as the barometer is frozen: height, velocity and correction A are
+        those of the witness.
     d_height, d_v_up : float
-        To be added to the host's. The correction A is in the state and changed there.
+        To be added to the host's height and upward velocity. The correction A is changed in the
+        state.
     """
     if reason == layout.ACCEPTED and not math.isfinite(height_baro):
         reason = layout.NOT_FINITE
@@ -179,7 +182,7 @@ def baro_sample(
         return layout.NOTHING, 0.0, 0.0
     note_interval(state, stamp)
 
-    # A sensor that hangs repeats itself while the vehicle moves.
+    # A frozen sensor repeats its value while the vehicle moves.
     if height_baro != state[layout.S_SAME_VALUE]:
         if state[layout.S_FROZEN] == 0.0 and state[layout.S_CHANGES] > 0.0:
             held = state[layout.S_SAME_LAST] - state[layout.S_SAME_SINCE]
@@ -201,7 +204,8 @@ def baro_sample(
         if state[layout.S_WITNESS_ON] > 0.0:
             moved = abs(state[layout.S_WITNESS_H] - state[layout.S_WITNESS_START])
             state[layout.S_WITNESS_MOST] = max(state[layout.S_WITNESS_MOST], moved)
-            # A coarse or noiseless sensor repeats itself at rest, too: it must be unusual for it.
+            # A coarse or noiseless sensor also repeats its value at rest: the repetition must be
+            # longer than is usual for this sensor.
             held = stamp - state[layout.S_SAME_SINCE]
             if (
                 state[layout.S_WITNESS_MOST] > FROZEN_SPEED * FROZEN_TIME
@@ -239,7 +243,7 @@ def baro_sample(
         state[layout.S_COUNTS + layout.ACCEPTED] += 1.0
         return layout.RESET if dh != 0.0 else layout.CORRECTED, dh, 0.0
 
-    # The velocity at the start may be wrong: see the peak of the response to a step in it,
+    # The velocity at the start may be wrong: the height responds to a step of it with a peak of
     # 0.23 tau per m/s.
     since = stamp - state[layout.S_ENGAGED_AT]
     quick = parameters[layout.P_START_TAU]
@@ -259,7 +263,7 @@ def baro_sample(
             return layout.NOTHING, 0.0, 0.0
         jump = state[layout.S_STREAK_SUM] / (count + 1.0) - state[layout.S_RECENT]
         if _undone(parameters, jump, state[layout.S_TAKEN]):
-            # The height had followed the jump that this one takes back: it returns, too.
+            # The height had followed the jump that this one takes back, and returns with it.
             record(state, events, layout.EVENT_RETURNED, time, -jump, length)
             return layout.RESET, _set_height(state, time, height, v_up, stamp, jump), 0.0
         state[layout.S_OFFSET] += jump
@@ -292,7 +296,7 @@ def baro_sample(
         v = state[layout.S_SHADOW_V] - (v_up - v_then)
         e = state[layout.S_SHADOW_H] - (height - h_then) - (state[layout.S_SHADOW_V] - v_up) * lag
         e += parameters[layout.P_SHADOW_K4] * v - used
-        # It begins as quick as the channel itself, or it would know nothing for minutes.
+        # It begins as fast as the channel itself, or it would need minutes to settle.
         tau = max(tau, min(parameters[layout.P_SHADOW_TAU], since / GROWTH))
         l1, l2, l3 = pole_matched_gains(
             interval, tau, parameters[layout.P_SHADOW_K4], parameters[layout.P_W2]
@@ -320,7 +324,7 @@ def feedback(
 
 @part()
 def smooth_height(state: FloatArray, time: float, height: float) -> float:
-    """Height for the output: a step that re-engaging took out of it fades within 20 s."""
+    """Height for the output: a step made on re-engaging fades with a time constant of 20 s."""
     if state[layout.S_STEP] == 0.0:
         return height
     return height + state[layout.S_STEP] * math.exp(-(time - state[layout.S_STEP_TIME]) / STEP_FADE)
@@ -328,7 +332,7 @@ def smooth_height(state: FloatArray, time: float, height: float) -> float:
 
 @part()
 def height_valid(state: FloatArray) -> bool:
-    """Whether the height means anything: engaged, or coasting not for too long."""
+    """Whether the height is valid: engaged, or coasting for no longer than 300 s."""
     return state[layout.S_PHASE] == layout.ENGAGED or (
         state[layout.S_PHASE] == layout.COAST and state[layout.S_INVALID] == 0.0
     )
@@ -346,7 +350,7 @@ def begin_anew(state: FloatArray) -> None:
 def record(
     state: FloatArray, events: FloatArray, kind: int, time: float, size: float, duration: float
 ) -> None:
-    """Note an event; only counted once there is no room."""
+    """Record an event; where the array is full it is only counted."""
     index = int(state[layout.S_EVENTS])
     if index < events.shape[0]:
         events[index, 0] = kind
@@ -392,7 +396,7 @@ def _engage(
 
 @part()
 def _undone(parameters: FloatArray, step: float, before: float) -> bool:
-    """Whether a step takes back the one before; a filter that corrects the host knows better."""
+    """Whether a step undoes the one before; never where a filter corrects the host."""
     alone = parameters[layout.P_SHADOW_TAU] > 0.0 and before != 0.0
     return alone and abs(step + before) <= parameters[layout.P_GATE]
 
@@ -446,7 +450,7 @@ def _call_witness(
 def _freeze(
     state: FloatArray, events: FloatArray, time: float, height: float, v_up: float, stamp: float
 ) -> tuple[int, float, float]:
-    """Undo the effect of a frozen sensor since the last check against GNSS, and coast."""
+    """Return to the witness, which the frozen sensor has not touched, and coast."""
     dh = state[layout.S_WITNESS_H] - height
     dv = state[layout.S_WITNESS_V] - v_up
     state[layout.S_CORRECTION] = state[layout.S_WITNESS_A]

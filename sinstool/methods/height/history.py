@@ -18,7 +18,7 @@ HISTORY_SPACING = 0.005  # s: the ring reaches back further than MAX_AGE
 
 @part()
 def note_interval(state: FloatArray, stamp: float) -> None:
-    """Median of the latest intervals between samples, by insertion into a sorted ring."""
+    """Add the interval since the last sample to a ring, and update the median of the ring."""
     interval = stamp - state[layout.S_LAST_STAMP]
     state[layout.S_LAST_STAMP] = stamp
     if not math.isfinite(interval):
@@ -27,7 +27,7 @@ def note_interval(state: FloatArray, stamp: float) -> None:
     state[layout.S_INTERVALS + 1 + number % layout.INTERVALS] = interval
     state[layout.S_INTERVALS] += 1.0
     filled = min(number + 1, layout.INTERVALS)
-    # The value with half of the others below it, found without moving any.
+    # The value of middle rank, found by counting instead of sorting
     for i in range(filled):
         value = state[layout.S_INTERVALS + 1 + i]
         rank = 0
@@ -42,7 +42,7 @@ def note_interval(state: FloatArray, stamp: float) -> None:
 
 @part()
 def remember(state: FloatArray, time: float, height: float, v_up: float) -> None:
-    """Store height and velocity at a time, unless those of a moment ago are stored."""
+    """Store height and velocity at a time, unless the last entry is less than 5 ms old."""
     number = int(state[layout.S_HISTORY])
     if number > 0:
         latest = layout.S_HISTORY + 1 + 3 * ((number - 1) % layout.HISTORY)
@@ -69,7 +69,10 @@ def shift_history(state: FloatArray, time: float, dh: float, dv: float) -> None:
 def at_stamp(
     state: FloatArray, time: float, height: float, v_up: float, stamp: float
 ) -> tuple[float, float, float]:
-    """Height and velocity at a stamp, and the age over which a correction has to move on."""
+    """Height and velocity at a stamp, and the time over which a correction must be propagated.
+
+    The time is 0 for a sample that is too old, or newer than the state: it corrects at once.
+    """
     age = time - stamp
     number = int(state[layout.S_HISTORY])
     filled = min(number, layout.HISTORY)

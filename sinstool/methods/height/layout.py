@@ -1,11 +1,8 @@
 """Data of a vertical channel as arrays: its state, its parameters, its events.
 
-Compiled loops want numbers in flat arrays; this module says which number lies where, makes the
-arrays and puts names back on what comes out. The kernels are in
+Compiled loops take flat arrays of numbers. This module defines the index of each number, makes the
+arrays, and turns the events and the state that come out into named values. The kernels are in
 :mod:`~sinstool.methods.height.channel`.
-
-numba's cache of a kernel does not notice that a number here changed, nor a kernel that it calls
-in another file: after editing, delete ``__pycache__`` of this folder.
 """
 
 from __future__ import annotations
@@ -25,9 +22,9 @@ PHASES = ("init", "engaged", "coast")
 # --- what became of a barometer sample ----------------------------------------------------
 ACCEPTED, NOT_FINITE, OUT_OF_RANGE, STAMP, GATE, FROZEN, WAITING = range(7)
 REASONS = ("accepted", "not_finite", "out_of_range", "stamp", "gate", "frozen", "waiting")
-"""Counted each: accepted; NaN or infinite; no air pressure; a stamp not after the one before;
-too far from the inertial height; repeated by a sensor that hangs; held back until the next
-sample confirms it, before (re-)engaging."""
+"""In order: accepted; NaN or infinite; outside the range of air pressures; stamped no later than
+the sample before; too far from the inertial height; repeated by a frozen sensor; held back until
+the next sample confirms it, before (re-)engaging."""
 
 # What a sample did that a filter around the channel must know (see channel.baro_sample).
 NOTHING, CORRECTED, RESET, JUMPED, RESTORED = range(5)
@@ -121,10 +118,10 @@ SHADOW_TAU: dict[str, float] = {
 """Time constant of the shadow channel for each grade of IMU, s."""
 
 GATE_SIGMAS = 5.0
-"""Differences up to so many times their running RMS are never rejected."""
+"""Differences up to this multiple of their running RMS are never rejected."""
 
 START_SQUARE = 9.0
-"""m^2: differences of 3 m are expected before there were any."""
+"""Initial mean square of the differences, m^2 (3 m)."""
 
 
 def new_state() -> FloatArray:
@@ -158,12 +155,12 @@ def new_parameters(
     network : HeightNetwork
         ``k4`` with the lag of the barometer already taken off.
     grade : {"consumer", "mems", "industrial", "tactical", "navigation"}, optional
-        Says how slow the shadow channel is.
+        Sets the time constant of the shadow channel.
     baro_lag : float, optional
-        Known first-order lag of the barometer, s: the shadow channel cancels it, too.
+        Known first-order lag of the barometer, s, which the shadow channel cancels as well.
     shadow : bool, optional
-        Keep a shadow channel, and coast from it. Not for a channel that a filter corrects:
-        the filter knows better, and must know of every change.
+        Keep a shadow channel, and coast from it. Set to False for a channel that a filter
+        corrects: the filter estimates the same errors better, and must apply every change itself.
     gate : float, optional
         Differences up to this are never rejected, m.
 
@@ -226,7 +223,7 @@ class Event:
 
 
 def read_events(rows: FloatArray) -> list[Event]:
-    """Put names on recorded events.
+    """Recorded events as named values.
 
     Parameters
     ----------
@@ -245,7 +242,7 @@ class ChannelSummary:
     phase : str
         ``init``, ``engaged`` or ``coast``, now.
     samples : dict of int
-        What became of the barometer samples, by ``REASONS``.
+        Number of barometer samples by ``REASONS``.
     seconds : dict of float
         Time in each phase.
     correction : float
@@ -265,7 +262,7 @@ class ChannelSummary:
 
 
 def summarise(state: FloatArray) -> ChannelSummary:
-    """Put names on the state that matters in a report.
+    """Counts and last state of a channel, for reports.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ height error feeds itself. A barometric height h_B holds it:
     A' = K3 e
 
 with the upward specific force f_U, Coriolis and centripetal terms a_U and gravity gamma. The
-integral A takes up what the accelerometer has too much. The gains put all three roots at
+integral A absorbs the bias of the accelerometer. The gains put all three roots at
 -1/tau, so with N = F + I/tau, N^3 = 0 and exp(F t) = exp(-t/tau) (I + N t + N^2 t^2 / 2):
 every response below is exact.
 
@@ -52,11 +52,11 @@ PAPER_K4 = 0.5
 """s; section 1 of [1]_ of the module."""
 
 SENSIBLE_TAU = (0.5, 300.0)
-"""Shorter, the barometer's noise is the solution; longer, gravity's gradient (w2 tau^2) shows."""
+"""Range of tau, s: below it the barometer's noise dominates, above it the gravity gradient."""
 
 
 def gravity_gradient(latitude: float, height: float = 0.0) -> float:
-    """How gravity falls off with height, ``w2 = -d gamma / dh``.
+    """Decrease of gravity with height, ``w2 = -d gamma / dh``.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class HeightNetwork:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.tau) and self.tau > 0.0):
             raise ConfigurationError(
-                f"tau is {self.tau:g} s", "a time constant is positive; 5 to 100 s are usual"
+                f"tau is {self.tau:g} s", "it must be positive; 5 to 100 s are usual"
             )
         if not abs(self.k4) < self.tau:
             raise ConfigurationError(
@@ -112,7 +112,7 @@ class HeightNetwork:
             )
         if not self.w2 * self.k4 * self.k4 < 1.0:
             raise ConfigurationError(
-                f"K4 is {self.k4:g} s", "w2 K4^2 must be less than one, or there are no gains"
+                f"K4 is {self.k4:g} s", "w2 K4^2 must be less than 1, or no gains exist"
             )
 
     @property
@@ -130,7 +130,7 @@ class HeightNetwork:
 
 
 def recommended(grade: Grade, w2: float = 3.0858e-6) -> HeightNetwork:
-    """Network for a grade of IMU: tau 5 s for MEMS, 10 s for industrial grade, 30 s and 100 s.
+    """Network with the time constant of :data:`RECOMMENDED_TAU` for a grade, and K4 = 0.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def paper(w2: float = 3.0858e-6) -> HeightNetwork:
 def pole_matched_gains(
     interval: float, tau: float, k4: float, w2: float
 ) -> tuple[float, float, float]:
-    """Gains L1, L2 (1/s), L3 (1/s^2) for a sample, whenever it comes.
+    """Gains L1, L2 (1/s), L3 (1/s^2) for a sample after any interval.
 
     Between samples the channel runs free, with the correction A taken off the acceleration. At a
     sample, T after the one before, the difference e moves the state at once:
@@ -159,8 +159,8 @@ def pole_matched_gains(
 
     L is chosen so that, without gravity's gradient, (I - L c) Phi(T) has the poles r, r, r with
     r = exp(-T/tau), c = (1, K4, 0), for every T: the sampled network is the continuous one seen
-    at the samples. A gain that is held over T, K e, is unstable from T = 0.676 tau on; this one
-    never, also where T changes from sample to sample.
+    at the samples. Holding K e over T would be unstable from T = 0.676 tau on; these gains are
+    stable for every T, also where T changes from sample to sample.
 
     Parameters
     ----------

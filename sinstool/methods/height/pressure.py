@@ -1,4 +1,4 @@
-"""Pressures as a log has them: which can be used, in what unit they are, where the sensor hangs."""
+"""Checks of logged pressures: which are usable, their unit, and where the sensor is frozen."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from sinstool.core.order_statistics import median
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
 
 PRESSURE_RANGE = (1e4, 1.2e5)
-"""Pa: from 16 km above to 1.4 km below the sea."""
+"""Pa: 16 km above to 1.4 km below sea level."""
 
 UNIT_SAMPLES = 100
-"""Valid samples that the unit is judged by."""
+"""Number of valid samples by which the unit is judged."""
 
 FROZEN_TIME = 30.0
-"""s with one and the same value."""
+"""Time for which a frozen sensor repeats one value, s."""
 
 Unit = Literal["Pa", "hPa", "kPa", "inHg", "unknown"]
 
 
 def pressure_reason(pressure: ArrayLike) -> IntArray:
-    """Reason not to use pressures.
+    """Reason why each pressure must not be used.
 
     Parameters
     ----------
@@ -95,10 +95,10 @@ def suspected_unit(pressure: ArrayLike) -> UnitSuspicion:
 def frozen_spans(
     time_ns: ArrayLike, pressure: ArrayLike, longest: float = FROZEN_TIME
 ) -> list[tuple[int, int]]:
-    """Spans in which a sensor gave one and the same value for too long.
+    """Spans in which a sensor repeated one value for too long.
 
-    A coarse sensor at rest does so rightly: whether it hangs, only motion tells, and the
-    vertical channel looks at that.
+    A coarse sensor at rest may do so without a fault. Whether it is frozen, only motion shows,
+    which the vertical channel takes into account.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def frozen_spans(
     pressure : array_like, shape (n,)
         Pa.
     longest : float, optional
-        s.
+        Shortest span that is reported, s.
 
     Returns
     -------

@@ -1,8 +1,8 @@
-"""The height reference of the vertical channel: pressures made heights, or heights of GNSS.
+"""The height reference of the vertical channel: barometric heights, or heights of GNSS.
 
-Pressure altitude belongs to a standard day. What makes it a height above the ellipsoid is a
-:class:`BaroReference`: an altimeter setting, GNSS heights or a known height at the start, and where
-the log climbs enough under GNSS, the scale that a warmer or colder day gives it (3.5 % for each
+Pressure altitude is that of a standard day. A :class:`BaroReference` turns it into height above the
+ellipsoid, by an altimeter setting, by GNSS heights, or by a known height at the start; where the
+log climbs far enough with GNSS, it also has the scale of a warmer or colder day (3.5 % for each
 10 K).
 """
 
@@ -24,13 +24,13 @@ from sinstool.methods.height.standard_atmosphere import (
 )
 
 GNSS_WINDOW = 30.0
-"""s of GNSS heights that the barometer is set by."""
+"""Span of GNSS heights that set the barometer's offset, s."""
 
 MIN_SCALE_RANGE = 100.0
-"""m of GNSS height, without which no scale is fitted."""
+"""Range of GNSS heights below which a fitted scale is not applied, m."""
 
 SCALE_BOUNDS = (0.85, 1.15)
-"""Of what a day's temperature can do."""
+"""Scales that the temperature of a day can cause."""
 
 # Rounds of a robust fit at most, and by which, m and m per 100 m, the last changes it.
 _HUBER_ROUNDS, _HUBER_CLOSE = 200, 1e-9
@@ -94,7 +94,7 @@ class ScaleFit:
     height_range : float
         Of the GNSS heights used, 1st to 99th percentile, m.
     applied : bool
-        Whether there was height enough for it, and the scale is one that a day can have.
+        Whether the range of heights was large enough and the scale lies within SCALE_BOUNDS.
     """
 
     offset: float
@@ -139,7 +139,7 @@ def reference_from_start(pressure: ArrayLike, height: float) -> BaroReference:
     Raises
     ------
     ValueError
-        If none of the pressures is one.
+        If no pressure lies between 100 and 1200 hPa.
     """
     p = np.asarray(pressure, dtype=np.float64)
     p = p[pressure_reason(p) == ACCEPTED]
@@ -219,9 +219,9 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
 
 
 def _huber_line(x: FloatArray, y: FloatArray, start: FloatArray, limit: float) -> FloatArray:
-    """Offset and slope of a line of which rows further off than a limit count by the distance.
+    """Offset and slope of a line fitted with Huber's loss, which is linear beyond a limit.
 
-    Least squares with the weights that follow from the last line, until it stays [1]_.
+    Iteratively reweighted least squares, to convergence [1]_.
 
     References
     ----------
@@ -271,14 +271,17 @@ class HeightReference:
     Attributes
     ----------
     kind : {'baro', 'gnss'}
+    topic : str
     time_ns : ndarray of int64, shape (m,)
         When measured, in the order of arrival.
     height : ndarray, shape (m,)
-        Above the ellipsoid as far as the reference says, m.
+        Above the ellipsoid, m, as far as the reference allows.
     reason : ndarray of int64, shape (m,)
-        Why a sample is not to be used; 0 where it is.
+        Why a sample must not be used, by :mod:`~sinstool.methods.height.layout`; 0 for usable ones.
     sigma : float
         Median of the sigma that the sensor states, m; 0 where it states none.
+    baro : BaroReference or None
+        How pressures became heights; None for GNSS, and for heights that the log holds.
     """
 
     kind: Literal["baro", "gnss"]
@@ -291,5 +294,5 @@ class HeightReference:
 
     @property
     def arrival_ns(self) -> np.ndarray:
-        """Times at which samples are used, shape (m,), in the order of their stamps."""
+        """Times at which samples are used, ns, shape (m,): none before an earlier sample's."""
         return np.asarray(np.maximum.accumulate(self.time_ns))

@@ -1,8 +1,8 @@
 """A separate vertical channel: height and vertical velocity from attitude and barometer.
 
-Where nothing is known of horizontal motion, the upward specific force of an attitude solution
-less gravity is integrated twice and held to the barometer by the damping network. The Coriolis
-and centripetal terms are left to the correction A: 0.04 m/s^2 at 250 m/s.
+Without a solution for horizontal motion, the upward specific force of an attitude solution, less
+gravity, is integrated twice and tied to the barometer by the damping network. The correction A
+absorbs the Coriolis and centripetal terms, 0.04 m/s^2 at 250 m/s.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from sinstool.methods.height.network import HeightNetwork, gravity_gradient
 from sinstool.methods.sensor_errors import Grade
 
 MAX_HOLD = 0.5  # s between IMU samples over which the specific force can be held
-MAX_GAP = 5.0  # s, after which the velocity is worth nothing: start again
+MAX_GAP = 5.0  # s, after which the velocity is unknown and the channel starts again
 
-START_TAU = 2.4  # s; that of the paper settles within ten seconds
+START_TAU = 2.4  # s; the paper's, which settles within ten seconds
 START_SPEED = 10.0  # m/s
 
-# The host's own numbers.
+# Index of each of the host's own numbers
 _TIME, _HEIGHT, _V_UP, _F_UP, _STARTED = range(5)
 
 
@@ -68,7 +68,7 @@ class HeightColumns:
     correction : ndarray, shape (n,)
         A, taken off the upward acceleration, m/s^2.
     valid : ndarray of bool, shape (n,)
-        False before the barometer was believed, and when it has been missed for too long.
+        False before the channel has engaged, and when it has coasted for too long.
     """
 
     height: FloatArray
@@ -102,24 +102,23 @@ def beginning_quickly(parameters: FloatArray) -> FloatArray:
 class VerticalChannel:
     """Height and vertical velocity from blocks of upward specific force and baro heights.
 
-    The answers do not depend, to the last bit, on where blocks end, as long as a barometer
-    sample is pushed no later than the IMU samples that follow it.
+    The results are the same, bit for bit, wherever blocks end, as long as a barometer sample is
+    pushed no later than the IMU samples that follow it.
 
     Parameters
     ----------
     network : HeightNetwork
         Its ``w2`` should be that of the latitude.
     latitude : float
-        Geodetic, rad; for gravity. What it is wrong by goes into the correction.
+        Geodetic, rad, for gravity; the correction absorbs the error of a wrong one.
     grade : {"consumer", "mems", "industrial", "tactical", "navigation"}, optional
     height, v_up : float, optional
-        At the start, m and m/s. The height is the barometer's as soon as that is believed.
+        At the start, m and m/s. Once the channel engages, the height is the barometer's.
     baro_lag : float, optional
         Known first-order lag of the barometer, s; already taken off the network's ``k4``.
     point_samples : bool, optional
         Specific force is that at the instant of each sample (trapezoidal rule); otherwise the
         mean over the interval that the sample ends.
-
     quick_start : bool, optional
         Begin with a short time constant that grows, for a vertical velocity and an accelerometer
         bias that are unknown; otherwise the gains are the network's from the first sample on.
@@ -173,7 +172,7 @@ class VerticalChannel:
         baro_reason: ArrayLike | None = None,
         baro_arrival_ns: ArrayLike | None = None,
     ) -> HeightColumns:
-        """Go on over the next IMU samples.
+        """Advance over the next IMU samples.
 
         Parameters
         ----------
@@ -307,7 +306,7 @@ def _run(
             pull = gravity[0] + middle * (gravity[1] + middle * gravity[2])
             dv = ((0.5 * (f_up[k] + host[_F_UP]) if point else f_up[k]) - pull) * dt
             if dt > MAX_HOLD:
-                # Nobody saw what happened: neither accelerating nor correcting is a guess.
+                # Nothing is known of the gap: assume no acceleration, and do not correct it.
                 dv = state[layout.S_CORRECTION] * dt
                 record(state, events, layout.EVENT_IMU_GAP, t, dt, 0.0)
                 if dt > MAX_GAP:

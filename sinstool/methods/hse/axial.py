@@ -1,10 +1,9 @@
 """The coefficient of heading-sensitive error from the rate along the turntable's axis.
 
 Averaged over whole turns, all errors of the gyro's matrices leave X33 alone along the axis:
-the gyro shows (1 + X33) (Omega + u), u the Earth rate along the axis. The coefficient of
-Yu, Wu, Cao, Zhao and Liu, "Calibration and compensation of the heading sensitive error",
-J. NUDT 35(4), 2013, 161-165, eq. (14), is lambda2 = -3 X33: the same three numbers that
-turn into heading also turn into rate, where they are far easier to see.
+the gyro measures (1 + X33) (Omega + u), u the Earth rate along the axis. The coefficient of
+eq. (14) of the paper of :mod:`sinstool.methods.hse` is lambda2 = -3 X33: the errors that turn up
+in heading also turn up in this rate, where they are far easier to measure.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from sinstool.methods.hse.run import HseRun
 
 # Rates must differ by this share of the largest for the gyro's bias to be separable.
 DISTINCT_RATES = 0.1
-# The sigmas by the scatter of turns are soon rejected: they do not include the drift of the bias
+# Sigmas from the scatter of turns are rejected early, as they do not include the drift of the bias
 # between runs.
 DISBELIEF = 0.5
 
@@ -34,10 +33,12 @@ class AxialFit:
     c : float
         X33, relative.
     sigma_c : float
-        NaN when neither the turns nor the runs tell.
+        NaN when neither the turns nor the runs show it.
     bias : float or None
-        Of the gyro along the axis, rad/s; None when it was not estimated and is therefore in
+        Of the gyro along the axis, rad/s; None when it was not estimated, so that it is part of
         ``c``.
+    sigma_bias : float or None
+        Of ``bias``, rad/s.
     quantile : float
         Standard deviations in half of a 95 % interval.
     """
@@ -70,15 +71,15 @@ def earth_rate_along_axis(run: HseRun) -> float:
 def fit_axial(runs: Sequence[HseRun], weighted: bool) -> AxialFit:
     """Fit the error of the rate along the axis as ``c (Omega + u) + bias``.
 
-    The gyro's bias along the axis is estimated where the rates allow; a bias left in is seen as
-    a scale error of ``bias/Omega``.
+    The gyro's bias along the axis is estimated where the rates allow; otherwise it acts as a
+    scale error of ``bias/Omega``.
 
     Parameters
     ----------
     runs : sequence of HseRun
         At least one.
     weighted : bool
-        By the scatter of the turns of each run, where all runs have it.
+        Weight the runs by the scatter of their turns, where all runs have one.
     """
     rate = np.array([r.rate + earth_rate_along_axis(r) for r in runs])
     c = np.array([r.c_axial for r in runs])

@@ -1,7 +1,7 @@
 """The calibration of heading-sensitive error, and whether it fits a rig.
 
-A hash of the configuration (the matrices, the encoder) that the coefficient was found with is part
-of it: the coefficient lumps together every error along the axis and holds for no other one.
+It includes a hash of the configuration (the matrices, the encoder) with which the coefficient was
+found: the coefficient sums up all errors along the axis, and holds for that configuration only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from sinstool.core.earth import EARTH_RATE
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.result import fields_in
 from sinstool.methods.hse.fit_result import HseFit
-from sinstool.methods.hse.status import APPLICABLE, MAX_LATITUDE, Judgement
+from sinstool.methods.hse.run import MAX_LATITUDE
+from sinstool.methods.hse.status import APPLICABLE, Judgement
 
 
 @dataclass(frozen=True)
@@ -307,7 +308,7 @@ def correction(
         raise ConfigurationError(
             f"heading-sensitive error cannot be corrected at latitude"
             f" {np.degrees(np.max(np.abs(lat))):.1f} deg",
-            "the Earth's rate has next to no horizontal part beyond 85 deg",
+            "beyond 85 deg the Earth's rate has almost no horizontal part",
         )
     lean = np.asarray(C23, dtype=np.float64)
     lambda1 = np.asarray(rate, dtype=np.float64) - EARTH_RATE * np.sin(lat)

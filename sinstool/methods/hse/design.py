@@ -16,11 +16,16 @@ from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC
 from sinstool.methods.hse.fit import MIN_RATE_SPAN
 from sinstool.methods.hse.model import DISTINCT_LEAN, MIN_C23
-from sinstool.methods.hse.status import MAX_LATITUDE, SIGNIFICANT
+from sinstool.methods.hse.run import MAX_LATITUDE
+from sinstool.methods.hse.status import SIGNIFICANT
 
-# A lean of the axis that is easily made and still small for the linear model.
+# A lean of the axis that is easy to set up and small enough for the linear model
 GOOD_LEAN = 8e-3
 FEW_TURNS = 10
+# Far beyond any table, campaign and gyro: numbers that only a slip of the keyboard makes
+MAX_RATE = np.radians(10_000.0)
+MAX_REPEATS = 1000
+MAX_RANDOM_WALK = np.radians(100.0) / 60.0
 
 
 @dataclass(frozen=True)
@@ -34,11 +39,11 @@ class Design:
     repeats : int
         Runs at each rate and position.
     duration_s : float
-        Of each run, s; whole turns of it are used.
+        Duration of each run, s; its whole turns are used.
     C23 : tuple of float
-        Lean of the axis to the east at each position.
+        Lean of the axis to the east at each position: the east component of its unit vector.
     angle_random_walk : float
-        Of the gyro, rad/sqrt(s).
+        Angular random walk of the gyros, rad/sqrt(s).
     latitude : float
         rad.
     """
@@ -96,14 +101,20 @@ def _validate(design: Design) -> None:
     rates = np.asarray(design.rates, dtype=np.float64)
     problems = {
         "no rate is given": len(rates) == 0,
+        "a rate is beyond 10000 deg/s": bool(np.any(np.abs(rates) > MAX_RATE)),
         "there are no repeats": design.repeats < 1,
+        f"there are more than {MAX_REPEATS} repeats": design.repeats > MAX_REPEATS,
         "no position is given": len(design.C23) == 0,
+        "the axis leans by more than 1 rad": any(abs(lean) > 1.0 for lean in design.C23),
         "the random walk of the gyro is not positive": not design.angle_random_walk > 0.0,
+        "the random walk of the gyro is beyond 100 deg/sqrt(h)": (
+            design.angle_random_walk > MAX_RANDOM_WALK
+        ),
         "the latitude is beyond 85 deg": abs(design.latitude) > MAX_LATITUDE,
     }
     for message, wrong in problems.items():
         if wrong:
-            raise ConfigurationError(message, "see calibrate-hse --plan in the guide")
+            raise ConfigurationError(message, "see `sinstool calibrate-hse --help`")
     for rate in rates:
         if abs(rate) * design.duration_s < 2.0 * np.pi * (1.0 - 1e-9):
             raise ConfigurationError(
@@ -112,8 +123,8 @@ def _validate(design: Design) -> None:
             )
     if np.ptp(rates) < MIN_RATE_SPAN:
         raise ConfigurationError(
-            "the rates differ by less than 10 deg/s: they give no slope",
-            "take 20, 40 and 60 deg/s, better in both directions",
+            "the rates differ by less than 10 deg/s, too little to determine a slope",
+            "take 20, 40 and 60 deg/s, preferably in both directions",
         )
 
 
@@ -178,7 +189,7 @@ def _deviations(columns: FloatArray, sigma: FloatArray) -> FloatArray:
 
 
 def _arcsec(value: float | None) -> str:
-    return "nothing" if value is None else f"{value / ARCSEC:.3g} arcsec"
+    return "not observable" if value is None else f"{value / ARCSEC:.3g} arcsec"
 
 
 def _advice(design: Design, now: Prediction) -> tuple[str, ...]:

@@ -1,8 +1,8 @@
 """The angle of the table at the edges of the gyro intervals.
 
-A gyro sample is a mean over an interval; to take it for the value at its stamp is an error of
-half an interval, and a time error tau looks exactly like a heading-sensitive error of slope tau
-(1 ms is 206 arcsec of heading for each rad/s). So everything here is about time. Stamps are
+A gyro sample is a mean over an interval. Taking it for the value at its stamp is an error of half
+an interval, and a time error tau looks exactly like a heading-sensitive error of slope tau: 1 ms
+causes 206 arcsec of heading for each rad/s. So times are treated with care here. Stamps are
 subtracted as int64, since seconds since 1970 as float64 have a grain of 0.24 us. The stamps of
 the gyros carry the jitter of whatever stamped them, their intervals do not: a line through the
 stamps of each stretch without lost samples gives the edges. The encoder's jitter is averaged
@@ -79,8 +79,8 @@ def table_angle(
     encoder_time_ns : array_like of int64, shape (m,)
         On the same clock, not decreasing; of readings with one stamp the first counts.
     reading : array_like, shape (m,)
-        In the unit of the model, wrapped at a whole turn or not. Half a turn or more from one
-        reading to the next cannot be distinguished from the other direction.
+        In the unit of the model, wrapped at a whole turn or not. The table must turn by less than
+        half a turn from one reading to the next, or its direction is ambiguous.
     imu_stamp : {'end', 'mid', 'start'}
         Where the stamp lies in the interval over which a gyro sample is the mean.
     smoothing_s : float
@@ -167,7 +167,7 @@ def _tracks(
         times, position = times[fresh], position[fresh]
         steps = np.diff(times)
     if not len(steps):
-        raise AlignmentError("all encoder readings have one stamp", "look at their topic")
+        raise AlignmentError("all encoder readings have the same stamp", "check their topic")
     interval = float(np.median(steps)) * 1e-9
     longest = max(_ENCODER_GAP_INTERVALS * interval, _ENCODER_GAP_S)
     cuts = np.flatnonzero(steps > longest * 1e9) + 1
@@ -201,7 +201,7 @@ def _corrected(angle: FloatArray, model: EncoderModel) -> FloatArray:
 
 @njit(cache=True, nogil=True)
 def _unwrap(position, turn, out):  # type: ignore[no-untyped-def]
-    """The turns that go with each reading, so that no step is more than half a turn."""
+    """Add whole turns to each reading, so that no step is more than half a turn."""
     turns = 0.0
     out[0] = position[0]
     for i in range(1, len(position)):

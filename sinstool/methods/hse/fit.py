@@ -4,21 +4,22 @@ With ``dpsi = psi_hat - psi`` and ``lambda1 = Omega - w sin L`` (w the Earth rat
 
     dpsi = lambda1 lambda2 C23 / (3 w cos L)
 
-as printed in Yu, Wu, Cao, Zhao and Liu, "Calibration and compensation of the heading sensitive
-error", J. NUDT 35(4), 2013, 161-165, eqs. (14) to (16). So ``lambda2`` is minus the sum of the
-errors of the matrix that turns raw gyro rates into orthogonal ones; ``lambda2`` is minus their sum.
+as printed in the paper of :mod:`sinstool.methods.hse`, eqs. (14) to (16). With this sign
+``lambda2`` is minus the sum of the errors of the user's K_g, the matrix that turns the rates of the
+raw triad into those of orthogonal axes.
 
 Three methods estimate ``lambda2``:
 
 ``heading``
-    the paper's: the slope of heading against rate. As default all runs are fitted at once,
-    with their own tilt and weight; as an option (``form="paper"``) a straight line goes through
-    the means at each rate, eq. (15).
+    The paper's: the slope of heading against rate. By default all runs are fitted at once, each
+    with its own tilt and weight; with ``form="paper"`` a straight line is fitted to the mean at
+    each rate, eq. (15).
 ``joint``
-    at several positions with different tilt, heading minus a delay of the encoder, which
-    shifts heading by ``Omega tau`` and looks like heading-sensitive error at one position.
+    The same at several positions that lean differently, with a delay of the encoder as a further
+    parameter. A delay shifts heading by ``Omega tau``, which at a single position looks like
+    heading-sensitive error.
 ``axial``
-    the rate along the axis; see :mod:`sinstool.methods.hse.axial`. Always fitted, as a check.
+    The rate along the axis; see :mod:`sinstool.methods.hse.axial`. Always fitted, as a check.
 """
 
 from __future__ import annotations
@@ -44,12 +45,12 @@ from sinstool.methods.hse.model import (
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.statistics import drifts, trend_t
 
-# Below this range of rates the slope against rate is not to be had, rad/s.
+# Smallest range of rates that determines a slope, rad/s
 MIN_RATE_SPAN = np.radians(10.0)
 
 
 def _times(runs: Sequence[HseRun], options: FitOptions) -> FloatArray:
-    """Middle of each run, s since the first log's start, or since its own log's."""
+    """Start of each run, s after that of the first log, or of its own where starts are unknown."""
     starts = [r.log_start_ns for r in runs]
     own = np.array([r.t_start_s for r in runs])
     stamped = [s for s in starts if s is not None]
@@ -117,8 +118,8 @@ def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
     Returns
     -------
     HseFit
-        The figures from headings are None with fewer than two rates; what that and other
-        shortcomings mean is for :func:`sinstool.methods.hse.status.judge` to say.
+        The figures from headings are None with fewer than two rates;
+        :func:`sinstool.methods.hse.status.judge` decides whether the result may be used.
 
     Raises
     ------
@@ -143,12 +144,12 @@ def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
     model = HeadingModel(data, use, options.method == "joint", options.drift and not paper)
     warnings += model.notes
     if paper and options.drift:
-        warnings.append("the paper's line has no drift: it is not estimated")
+        warnings.append("the drift is not estimated: the paper's line has none")
     weighted = options.weights == "turns" and not paper
     if weighted and not np.all(np.isfinite(data.sigma[use]) & (data.sigma[use] > 0.0)):
         weighted = False
         warnings.append(
-            "some runs have too few turns to show their scatter: all have the same weight"
+            "some runs have too few turns to show their scatter, so all runs get the same weight"
         )
     solved = _solve(model, data, use, weighted, options, runs, reasons, warnings)
     used = [r for r, u in zip(runs, use, strict=True) if u]
@@ -205,7 +206,7 @@ def _solve(
 
 
 def _one_position(data: RunColumns, use: BoolArray, reasons: list[str]) -> None:
-    """Leave out all but the position that leans most: the paper's line is for one."""
+    """Leave out all but the position that leans most: the paper's line is for one position."""
     at = data.position[use]
     if not len(at):
         return
@@ -325,7 +326,7 @@ def _paper(result: HseFit, model: HeadingModel, data: RunColumns, use: BoolArray
     estimate = line @ mean
     scatter = float(np.sum((offset - mean[member]) ** 2))
     dof = len(offset) - len(cells)
-    if dof:  # the repeats tell the scatter, whether or not the means are on a line
+    if dof:  # the repeats show the scatter, whether or not the means lie on a line
         variance, student = scatter / dof / count, True
     elif len(cells) > 2:
         dof = len(cells) - 2

@@ -31,13 +31,14 @@ class FitOptions:
     drift : bool
         Estimate a drift of heading with time too.
     skip_warmup_s : float
-        Leave out runs that start earlier than this after the start, s.
+        Leave out runs that start earlier than this, s: after the start of the first log where
+        the logs' starts are known, else after that of their own log.
     exclude : tuple of str
         Identifiers of runs to leave out.
     reject_outliers : bool
         Leave out repeats that do not belong, at least two at each rate and position remaining.
     outlier_alpha : float
-        Probability to leave out any of sound repeats.
+        Probability that any repeat is left out where all are sound.
     """
 
     method: str = "joint"
@@ -57,11 +58,11 @@ class FitOptions:
         ):
             if value not in choices:
                 raise ConfigurationError(
-                    f"{name} {value!r} is unknown", f"one of {', '.join(choices)}"
+                    f"{name} {value!r} is unknown", f"give one of {', '.join(choices)}"
                 )
         if not 0.0 < self.outlier_alpha < 1.0:
             raise ConfigurationError(
-                f"outlier_alpha is {self.outlier_alpha}", "a probability between 0 and 1"
+                f"outlier_alpha is {self.outlier_alpha}", "give a probability between 0 and 1"
             )
 
 
@@ -91,12 +92,12 @@ class RunFit:
 
 @dataclass(frozen=True)
 class HseFit:
-    """Result of a calibration; None where the runs do not tell.
+    """Result of a calibration; values that the runs do not determine are None.
 
     Attributes
     ----------
     method, form : str
-        In effect, which may differ from what was asked for; ``warnings`` then says why.
+        Those used, which may differ from the options; ``warnings`` then says why.
     observable : bool
         The lean of the axis allows lambda2 to be had from headings.
     lambda2, sigma_lambda2 : float or None
@@ -109,7 +110,7 @@ class HseFit:
         ``C23``, s.
     ci95_K : tuple of two float, or None
     delay, sigma_delay : float or None
-        How stale the encoder is (joint), s.
+        Age of the encoder's readings at their stamps (method joint), s.
     psi0 : tuple of float
         Heading of each position free of heading-sensitive error, rad.
     parameters : tuple of str

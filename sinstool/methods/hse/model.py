@@ -1,4 +1,4 @@
-"""Headings of runs as a linear model: columns of the runs, parameters, exclusions."""
+"""Headings of runs as a linear model: data columns, parameters, rejection of outliers."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from sinstool.core.rotation import wrapped
 from sinstool.methods.hse.least_squares import LeastSquares, least_squares, outlier_limit
 from sinstool.methods.hse.run import HseRun, positions, rate_groups
 
-# Below this lean of the axis to the east heading-sensitive error is too small to be seen.
+# Lean of the axis to the east below which heading-sensitive error is too small to be measured
 MIN_C23 = 1e-4
 MIN_C23_SIGMAS = 5.0
-# Positions separate a delay only if their leans differ by this share of the largest.
+# Positions determine a delay only if their leans differ by this fraction of the largest
 DISTINCT_LEAN = 0.2
 # Residuals below this are rounding, not scatter, rad.
 ROUNDING = 1e-12
@@ -118,10 +118,10 @@ class HeadingModel:
     positions : ndarray of int
         Those fitted, in the order of their parameters.
     C23, sigma_C23 : float
-        Of the position that leans most; the deviation is that of one run, since what makes
-        leans wrong is mostly common to the runs.
+        Of the position that leans most; the sigma is that of one run, since the errors of the
+        leans are mostly common to the runs.
     relative_C23 : float
-        Share of lambda2 that is uncertain because the leans are.
+        Relative uncertainty of lambda2 due to that of the leans.
     spread : float
         Widest range of C23 within a position over ``abs(C23)``.
     gain : float
@@ -129,7 +129,7 @@ class HeadingModel:
     varying : ndarray, shape (n, 1), or None
         The columns that vary among repeats on purpose.
     notes : list of str
-        Why it is not what was asked for.
+        Why the model differs from what was asked for.
     """
 
     def __init__(self, data: RunColumns, use: BoolArray, joint: bool, drift: bool) -> None:
@@ -182,8 +182,8 @@ class HeadingModel:
         ----------
         use : ndarray of bool, shape (n,)
         weighted : bool
-            By ``data.sigma``; without, all the same. A fit without redundancy is weighted in
-            any case if it can be: nothing else tells the scatter.
+            Weight the runs by ``data.sigma``, or all alike. A fit without redundancy is weighted
+            in any case if possible, as nothing else gives the scatter.
 
         Raises
         ------
@@ -199,14 +199,14 @@ class HeadingModel:
     def reject(
         self, data: RunColumns, use: BoolArray, weighted: bool, alpha: float
     ) -> list[tuple[int, float]]:
-        """Leave out, one by one, repeats that do not belong.
+        """Leave out outlying repeats, one by one.
 
         Parameters
         ----------
         use : ndarray of bool, shape (n,)
             Cleared where a run is left out. At least two repeats of a cell remain.
         alpha : float
-            Probability to leave out any run where all are sound.
+            Probability that any run is left out where all are sound.
 
         Returns
         -------

@@ -5,10 +5,9 @@ another error. :meth:`Rig.sha256` tells whether two sets are the same in this se
 
 ``C_s_to_b`` is used as it is given. What it lacks of being orthonormal acts like any other
 calibration error: the part along the axis is in the coefficient that is estimated, the rest is
-a constant offset of heading. Making it orthonormal on the way would change the coefficient
-without a trace, so that is left to its author; :meth:`Rig.remarks` says how large
-its share is. An axis ``e`` in its place is a direction, and a direction has no length: what is
-left of its length within the tolerance is divided out.
+a constant offset of heading. Orthonormalising it here would change the coefficient silently, so
+that is left to its author; :meth:`Rig.remarks` gives the size of its contribution. An axis ``e`` in
+its place is a direction: its length, which must be 1 within the tolerance, is divided out.
 """
 
 from __future__ import annotations
@@ -89,7 +88,7 @@ class EncoderModel:
         if abs(self.delay) > 1.0:
             raise ConfigurationError(
                 f"rig.encoder.delay_s is {self.delay:g} s",
-                "it is in seconds, a few milliseconds at most in a working rig",
+                "it must be in seconds, and is a few milliseconds at most in a working rig",
             )
         rows = []
         for i, row in enumerate(self.harmonics):
@@ -161,7 +160,9 @@ class Rig:
                 )
         scale = _number(self.gyro_scale, "rig.gyro_scale")
         if not 0.5 < scale < 2.0:
-            raise ConfigurationError(f"rig.gyro_scale is {scale:g}", "it is a factor close to 1")
+            raise ConfigurationError(
+                f"rig.gyro_scale is {scale:g}", "it must be a factor close to 1"
+            )
         object.__setattr__(self, "gyro_scale", scale)
         self._check_matrices()
         if self.latitude is not None:
@@ -406,7 +407,9 @@ def _array(value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
     try:
         array = np.array(value, dtype=np.float64) + 0.0
     except (TypeError, ValueError, OverflowError):
-        raise ConfigurationError(f"{where} is not of numbers", f"give {size} numbers") from None
+        raise ConfigurationError(
+            f"{where} is not an array of numbers", f"give {size} numbers"
+        ) from None
     if array.shape != shape or not np.isfinite(array).all():
         raise ConfigurationError(
             f"{where} has shape {array.shape} or values that are not finite", f"give {size} numbers"

@@ -20,7 +20,7 @@ class HseRun:
     Attributes
     ----------
     id : str
-        Names the run, unique in a calibration; what ``--exclude`` takes.
+        Name of the run, unique in a calibration, as ``--exclude`` takes it.
     source : str
         The log it comes from.
     t_start_s : float
@@ -38,7 +38,7 @@ class HseRun:
     theta, gamma : float
         Pitch and roll of ``b0``, rad.
     C23 : float
-        ``C_b0n[1, 2]``: how far the (down) rotation axis leans to the east.
+        ``C_b0n[1, 2]``: east component of the (down) rotation axis.
     sigma_C23 : float
         Of ``C23``.
     c_axial : float
@@ -75,6 +75,9 @@ class HseRun:
     quality: dict[str, float] = field(default_factory=dict)
     log_start_ns: int | None = None
 
+
+MAX_LATITUDE = np.radians(85.0)
+"""Beyond it the Earth's rate has too small a horizontal part for heading, rad."""
 
 # Gaps between headings that no error of an alignment explains: the system was turned. With an
 # error of 1e-3 in the gyro's matrix and a lean of 1e-2 headings at 20 and 60 deg/s are 2 deg apart.

@@ -3,8 +3,7 @@
 Rates are those of the encoder over blocks of a quarter of a second. A plateau grows block by
 block as long as the next one agrees with its mean, to within a tolerance that the noise of the
 blocks widens: the stamps of an encoder may jitter by a millisecond. What is not used is given back
-as well, with the reason, since an operator who sees only that a run is missing cannot do anything
-about it.
+as well, with the reason, so that an operator knows what to change.
 
 Sums over whole turns are all of a log that alignment needs, in a few numbers. With
 ``v_b0 = Rz(alpha) v_b`` the mean of any vector in ``b0`` follows from the time integrals of ``v``,
@@ -270,11 +269,11 @@ class TurnStatistics:
     ----------
     S : ndarray, shape (N, 3, 6)
         Integrals over each turn of cos alpha, sin alpha and 1 (rows) times the gyros' and the
-        accelerometers' samples (columns): rad and m/s. What is fixed to ``b0`` is smaller
-        in them by ``(Omega dt)**2 / 12``, as cosines and sines are means over samples, and once
-        more, as samples are.
+        accelerometers' samples (columns): rad and m/s. A vector that is fixed in ``b0`` comes out
+        too small by ``(Omega dt)**2 / 12``: half of that because the cosines and sines are means
+        over samples, half because the samples are.
     circle : ndarray, shape (N, 2)
-        Integrals of cos alpha and sin alpha, s; not 0 where the rate varies within a turn.
+        Integrals of cos alpha and sin alpha, s; 0 at a constant rate.
     duration : ndarray, shape (N,)
         s.
     direction : int
@@ -345,8 +344,8 @@ def turn_statistics(
     if fault >= 0:
         raise AlignmentError(
             f"the table's angle does not advance steadily at sample {rows.start + fault} ({where})",
-            "look at the encoder; readings must grow or fall all along, and come more than "
-            "twice in a turn",
+            "check the encoder: readings must grow or fall throughout, and come more than twice in"
+            " a turn",
         )
     if not np.isfinite(sums).all():
         raise AlignmentError(f"gyro or accelerometer samples are not finite {where}", "drop them")

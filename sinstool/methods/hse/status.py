@@ -2,8 +2,8 @@
 
 The status of a calibration is that of its gravest finding. The guards follow from the model of
 Yu et al., J. NUDT 35(4), 2013, 161-165, eqs. (14) to (16): the slope of heading against rate has
-to stand out of its own scatter, the lean of the axis to the east out of its own, and the straight
-line has to hold.
+to be significant against its scatter, the lean of the axis to the east against its own sigma, and
+heading has to be linear in the rate.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from sinstool.core.units import ARCSEC
 from sinstool.methods.hse.fit import MIN_RATE_SPAN
 from sinstool.methods.hse.fit_result import HseFit
 from sinstool.methods.hse.model import MIN_C23, MIN_C23_SIGMAS
+from sinstool.methods.hse.run import MAX_LATITUDE
 
 STATUSES = ("error", "unobservable", "inconsistent_axial", "not_significant", "nonlinear", "ok")
 """From the gravest to the best."""
@@ -26,7 +27,6 @@ STATUSES = ("error", "unobservable", "inconsistent_axial", "not_significant", "n
 APPLICABLE = ("nonlinear", "ok")
 """Statuses whose coefficient may be applied without being forced."""
 
-MAX_LATITUDE = np.radians(85.0)
 WARN_LATITUDE = np.radians(75.0)
 SIGNIFICANT = 2.0
 CONSISTENT = 3.0
@@ -76,7 +76,7 @@ def _finding(status: str, text: str, answer: str = "") -> Finding:
 
 
 def _extent(result: HseFit) -> Iterator[Finding]:
-    """Are there the rates and the latitude to see a slope?"""
+    """Findings on rates and latitude that do not allow a slope to be measured."""
     if abs(result.latitude) > MAX_LATITUDE:
         yield _finding(
             "error",
@@ -178,7 +178,7 @@ def _inconsistent(result: HseFit) -> Iterator[Finding]:
             f"an encoder that is stale by {delay * 1e6:.1f} us would explain it: check"
             " [rig.encoder] delay_s and imu_stamp, or repeat with the base turned by 180 deg"
         )
-    # the axial value itself is free of delays
+    # A delay does not affect the axial value itself
     yield _finding("ok" if result.method == "axial" else "inconsistent_axial", message, hint)
 
 
@@ -188,7 +188,7 @@ def _insignificant(result: HseFit) -> Iterator[Finding]:
     if result.sigma_K is None:
         yield _finding(
             "not_significant",
-            "these few runs do not show their scatter, so the accuracy of lambda2 is unknown",
+            "there are too few runs to show their scatter, so the accuracy of lambda2 is unknown",
             "add repeats; applying it needs --force",
         )
         return

@@ -1,17 +1,17 @@
-"""How well a mean rate over whole turns is known, where part of the noise cancels between turns.
+"""Accuracy of a mean rate over whole turns, where part of the noise cancels between turns.
 
-The white noise of a gyro is in every turn anew. A base that sways, or a stamp of the encoder that
-jitters where a turn ends, is not: what it adds to the rate of one turn it takes from the next, as
-the angle that it turns through stays small. Of N turns of length T the mean rate has the variance
+The white noise of a gyro is independent from turn to turn. The sway of a base, or the jitter of the
+encoder's stamps at the end of a turn, is not: what it adds to the rate of one turn it takes from
+the next, as the angle itself stays small. The mean rate over N turns of length T has the variance
 
     (q / T) / N + 2 (r / T**2) / N**2,
 
 with ``q`` the white noise and ``r`` the variance of that angle; the scatter of the turns alone,
 over sqrt(N), would be several times too large where the base sways by arc seconds.
 
-How much cancels is for the turns to show. Their likelihood (the restricted one, as their mean is
-not known) is computed for white noise and for some ratios of the two, and the variances are
-averaged by it; few turns leave it at white noise.
+The turns themselves show how much cancels. Their restricted likelihood (restricted, as their mean
+is unknown) is computed for white noise and for several ratios of the two, and the variances are
+averaged with it as weight; with few turns the white noise of the prior prevails.
 """
 
 from __future__ import annotations

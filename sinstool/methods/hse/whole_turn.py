@@ -1,13 +1,14 @@
 """Heading, tilt and axial rate error from sums over whole turns.
 
-Gravity gives the vertical in ``b0``, the mean rate less that of the table gives north; for a base
-at rest and white noise of the gyros nothing does better. What the calibration gets wrong along the
-axis stays along the axis in ``b0`` and leans into the East only by the tilt: that is the
-heading-sensitive error of :mod:`sinstool.methods.hse`, which is wanted here. (Estimators that
-let a base turn freely, or that carry a bias along z, spoil or remove it.)
+Gravity gives the vertical in ``b0``, and the mean rate less that of the table gives north; for a
+base at rest and white noise of the gyros this is the maximum-likelihood estimate. The rate error
+along the axis stays along the axis in ``b0``, and the tilt of the axis gives it an east component:
+that is the heading-sensitive error of :mod:`sinstool.methods.hse`, which must stay in the heading
+here to be measured. (Estimators that let the base turn freely, or that carry a bias along z,
+distort or remove it.)
 
-The same error is seen directly: gyros and encoder disagree about the rate along the axis by
-``c = X33``, and ``lambda2 = -3 c``.
+The same error also shows directly: gyros and encoder disagree about the rate along the axis by
+the fraction ``c = X33``, and ``lambda2 = -3 c``.
 """
 
 from __future__ import annotations
@@ -22,13 +23,12 @@ from sinstool.core.earth import EARTH_RATE, earth_rate_n, normal_gravity
 from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.core.result import fields_in
 from sinstool.methods.hse.rig import Rig
-from sinstool.methods.hse.run import HseRun
+from sinstool.methods.hse.run import MAX_LATITUDE, HseRun
 from sinstool.methods.hse.segments import TurnStatistics
 from sinstool.methods.hse.turn_noise import FEWEST_TURNS_FOR_SCATTER, sigma_of_mean
 
-HIGHEST_LATITUDE = np.radians(85.0)
 SIGNIFICANT_TILT_DRIFT = 3.0
-"""Sigmas of the tilt's drift beyond which ``level_rate='auto'`` takes it out."""
+"""Sigmas of the tilt's drift beyond which ``level_rate='auto'`` removes it."""
 
 LEVEL_RATES = ("off", "auto", "on")
 # Gyros and encoder that differ by more than this disagree about sign, unit or axis.
@@ -50,11 +50,11 @@ class WholeTurnAlignment:
     c_axial : float
         Relative rate error along the axis, X33.
     sigma_c_axial : float
-        From the scatter of the turns and the bias that was allowed for; NaN without either.
+        From the scatter of the turns and ``gyro_bias_sigma``; NaN without either.
     sigma_heading : float
         From the scatter of the turns, rad; NaN with fewer than four.
     sigma_C23 : float
-        Likewise.
+        Of :attr:`C23`, likewise.
     per_turn_heading : ndarray, shape (N,)
         Heading of each turn by itself on the common vertical, rad, near :attr:`heading`.
     quality : dict of str to float
@@ -124,12 +124,13 @@ def align_whole_turns(
     rig : Rig
         With latitude.
     level_rate : {'off', 'auto', 'on'}
-        Whether to take out the rate at which the base tilts, as seen by the accelerometers. It
-        costs noise (``sqrt(12) VRW / T**1.5`` of the North axis), so ``'auto'`` does it only
-        where the tilt drifts by more than three sigmas.
+        Whether to remove the rate at which the base tilts, as measured by the accelerometers.
+        This adds noise to the east rate, ``sqrt(12) VRW / (g T**1.5)`` with the velocity random
+        walk VRW in (m/s)/sqrt(s), so ``'auto'`` does it only where the tilt drifts by more than
+        three sigmas.
     gyro_bias_sigma : float
-        What is not known of each gyro's bias, rad/s: goes into the sigma of ``c_axial``, which
-        no scatter of turns shows.
+        Standard deviation of each gyro's bias, rad/s. It becomes part of the sigma of ``c_axial``,
+        as the scatter of turns does not show it.
 
     Returns
     -------
@@ -154,10 +155,10 @@ def align_whole_turns(
             f"level-rate correction is {level_rate!r}", f"give one of {', '.join(LEVEL_RATES)}"
         )
     latitude = rig.require_latitude()
-    if abs(latitude) > HIGHEST_LATITUDE:
+    if abs(latitude) > MAX_LATITUDE:
         raise AlignmentError(
-            f"latitude {np.degrees(latitude):.2f} degrees: Earth rate is nearly vertical",
-            "heading can be had below 85 degrees only",
+            f"at latitude {np.degrees(latitude):.2f} degrees the Earth rate is nearly vertical",
+            "heading can be found below 85 degrees only",
         )
     if not len(turns):
         raise AlignmentError("no whole turn of the table", "record for longer")
@@ -174,7 +175,10 @@ def align_whole_turns(
     f = force.sum(axis=0) / total
     size = float(np.linalg.norm(f))
     if not size > 0.0:
-        raise AlignmentError("the mean specific force is zero", "it has no direction")
+        raise AlignmentError(
+            "the mean specific force is zero, so the vertical is unknown",
+            "check the accelerometers",
+        )
 
     middles = np.cumsum(turns.duration) - turns.duration / 2.0
     drift, drift_sigma = _slope(middles, f_turn)
@@ -191,7 +195,9 @@ def align_whole_turns(
     r3 = -f / size
     east = np.cross(r3, w)
     if not np.linalg.norm(east) > 0.0:
-        raise AlignmentError("the mean rate has no horizontal part", "nothing points north")
+        raise AlignmentError(
+            "the mean rate has no horizontal part, so north is unknown", "check the gyros"
+        )
     r2 = east / np.linalg.norm(east)
     r1 = np.cross(r2, r3)
     C_nb0 = np.stack([r1, r2, r3])
@@ -279,8 +285,8 @@ def _in_b0(
     """Integrals over the turns of a vector in ``b0``; shape (N, 3)."""
     weights = np.concatenate([turns.circle, turns.duration[:, np.newaxis]], axis=1)
     in_b = (sums - weights[:, :, np.newaxis] * bias) @ to_b.T
-    # samples and weights are means over intervals in which b turned on: each lessens what is
-    # fixed to b0 by the mean of the cosine
+    # Samples and weights are means over intervals in which b turns, each of which attenuates a
+    # vector that is fixed in b0 by the mean of the cosine
     half = 0.5 * turns.rate * turns.interval_s
     cos, sin = np.moveaxis(in_b[:, :2], 1, 0) * (half / np.sin(half)) ** 2
     return np.stack([cos[:, 0] - sin[:, 1], sin[:, 0] + cos[:, 1], in_b[:, 2, 2]], axis=1)
@@ -295,13 +301,13 @@ def _check_axial(gyro: float, encoder: float) -> None:
         if abs(gyro / encoder + 1.0) < _LARGEST_AXIAL_ERROR:
             raise ConfigurationError(
                 both,
-                "change the sign of rig.encoder.sign, or turn rig.e (rig.C_s_to_b) round if its "
-                "z axis does not point down",
+                "change the sign of rig.encoder.sign, or reverse rig.e (rig.C_s_to_b) if its z axis"
+                " does not point down",
             )
         raise ConfigurationError(
             both,
-            "look at the unit of the gyros, rig.encoder.unit, rig.gyro_frame and rig.C_s_to_b, "
-            "and whether this joint is the table",
+            "check the unit of the gyros, rig.encoder.unit, rig.gyro_frame and rig.C_s_to_b, and"
+            " that the joint is the table's",
         )
 
 

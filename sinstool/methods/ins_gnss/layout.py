@@ -4,9 +4,6 @@ Compiled code takes a record as one pointer, however many fields it has. Tuples 
 taken apart at each call, and functions that call each other with them took most of a minute to
 compile. Arrays of a record are as large as the largest filter needs; a filter of n states uses the
 first n rows and columns.
-
-numba's cache of a kernel does not notice that a number here changed, nor a kernel that it calls
-in another file: after editing, delete ``__pycache__`` of this folder.
 """
 
 from __future__ import annotations

@@ -45,8 +45,8 @@ class AttitudePropagator:
     Attributes
     ----------
     q_nb : ndarray, shape (4,)
-        Attitude after the updates so far: all that is carried from block to block, and
-        the answers do not depend, to the last bit, on where blocks end.
+        Attitude after the updates so far. It is the only state carried from block to block, and
+        results are the same, bit for bit, wherever blocks end.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class AttitudeRun(SegmentRun):
     Attributes
     ----------
     missed_rotation : float
-        What the vehicle turned during gaps if it went on as it did on either side, rad.
+        Angle by which the vehicle turned during gaps if it kept the mean rate of both sides, rad.
     """
 
     def __init__(self, q_nb: np.ndarray, settings: AttitudeSettings) -> None:

@@ -1,8 +1,9 @@
-"""Rates of a body as a receiver follows them, where its antenna swings on an arm.
+"""Angular rates smoothed as a receiver's tracking loops smooth the motion of its antenna.
 
-A receiver follows its carrier with 10 to 25 Hz, and is blind to what an engine shakes [1]_: at an
-instant a gyro feels both the turn of the vehicle and all of the vibration, and an arm of a metre
-makes of 20 deg/s that nobody sees 0.3 m/s.
+The carrier loops of a receiver have a bandwidth of 10 to 25 Hz, and do not follow the vibration of
+an engine [1]_. A gyro sample holds the turning of the vehicle and all of the vibration: with a
+lever arm of a metre, 20 deg/s of vibration would be taken for 0.3 m/s that the receiver does not
+measure.
 
 References
 ----------
@@ -23,17 +24,17 @@ from sinstool.core.parts import kernel, part
 from sinstool.core.streams import concatenate, take_rows
 from sinstool.methods.strapdown.velocity import Increments
 
-# Over so much to either side the rates are means, s; so far away no update counts, ns.
+# Half-width of the window of the means, s, and the distance beyond which updates are not needed, ns
 FOLLOWED_S = 0.05
 _BEYOND_NS = 200_000_000
-# Updates are as long as another whose lengths differ by less than so much of them.
+# Relative difference up to which two updates count as equally long
 LIKE = 1e-6
 
 T = TypeVar("T")
 
 
 def _integral(u):  # type: ignore[no-untyped-def]
-    """Integral of (1 - 3 u^2) (1 - u^2)^2 from 0; of arrays, too."""
+    """Integral of (1 - 3 u^2) (1 - u^2)^2 from 0 to u, a number or an array."""
     square = u * u
     return u * (1.0 - square * (5.0 / 3.0 - square * (1.4 - square * 3.0 / 7.0)))
 
@@ -51,14 +52,14 @@ def followed_rates(
     time_ns, interval, rotation_vector : ndarray, shape (n,), (n,), (n, 3)
         Of updates that follow each other, or leave gaps.
     rows : slice, optional
-        Updates that are asked for.
+        Updates at whose ends the rates are computed.
 
     Returns
     -------
     ndarray
-        Means over `FOLLOWED_S` before and after, or over what of it there is. What is u windows
-        away counts (1 - 3 u^2) (1 - u^2)^2, so that of 6 Hz 0.985 are left, of 14 Hz 0.7, and of
-        more than 24 Hz no more than 0.07.
+        Means over `FOLLOWED_S` before and after, as far as there are updates, with the weight
+        (1 - 3 u^2) (1 - u^2)^2 at a distance of u `FOLLOWED_S`. Of a vibration at 6 Hz they keep
+        0.985, at 14 Hz 0.7, and above 24 Hz at most 0.07.
     """
     first, last, _ = rows.indices(len(time_ns))
     out = np.empty((last - first, 3))
@@ -79,7 +80,7 @@ def followed_rates(
 
 
 def with_followed(parts: Iterable[tuple[Increments, T]]) -> Iterator[tuple[Increments, T]]:
-    """Increments with followed rates, which do not depend on where parts end.
+    """Increments with followed rates, which are the same wherever parts end.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Attitude, velocity and position from ordered Imu blocks, for `process --mode ins`.
 
-A mechanisation, and a vertical channel that a barometer or GNSS heights may damp.
+It runs the mechanisation, and a vertical channel that a barometer or GNSS heights may damp.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from sinstool.methods.strapdown.navigation import (
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentRun
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 
-# Beyond these nothing on or near the Earth goes: an undamped channel has run away.
+# Beyond these limits no vehicle goes: an undamped channel has diverged.
 MAX_HEIGHT_M = 1e6
 MAX_SPEED_M_S = 2e4
 
@@ -50,6 +50,8 @@ class InsSettings(SampleSettings):
         Of the attitude's quaternion: 0 exact, 1 to 4 Picard's.
     parameters : ndarray or None
         Of the vertical channel; None leaves it undamped.
+    reference : HeightReference or None
+        Heights that damp the vertical channel.
     """
 
     order: int = 0
@@ -70,9 +72,9 @@ class InsRun(SegmentRun):
     events : list of Event
         Of the vertical channel; times in s since the first sample.
     gaps_s : float
-        Time that was carried over without data.
+        Total length of the gaps that were bridged without data, s.
     diverged_ns : int or None
-        From when on the state was held because it had left the Earth.
+        Time from which the state is held because it has left the Earth, ns.
     """
 
     settings: InsSettings
@@ -129,9 +131,9 @@ class InsRun(SegmentRun):
     def _carry_over(self, imu: Imu, gap_s: float) -> None:
         """Bring the state over a gap.
 
-        Over a short one the vehicle went on as on either side; over a long one it kept its
-        attitude and velocity. After a very long one the vertical velocity is worth nothing, and
-        the vertical channel begins anew.
+        In a short gap the vehicle is assumed to move with the mean rate and specific force of both
+        sides; in a long one, to keep its attitude and velocity. After a very long one the vertical
+        velocity is unknown, and the vertical channel starts again.
         """
         self.gaps_s += gap_s
         still = self.settings.still_until_ns

@@ -4,11 +4,11 @@ With ``C_k`` the rotation of the first ``k`` updates, of rotation vectors ``phi`
 
     C_k+1 = C_k exp(phi_k+1),     u = sum of C_k u_k+1
 
-is what the updates together do to an attitude, and the integral of the specific force in the axes
-in which they begin: the same as of one long update (P. G. Savage, "Strapdown inertial navigation
+are the rotation over all updates, and the integral of the specific force in the body axes at their
+start: the same as those of one long update (P. G. Savage, "Strapdown inertial navigation
 integration algorithm design, part 2: velocity and position algorithms", J. Guidance, Control and
-Dynamics 21(2), 1998, 208-221, section II). What a mechanisation loses with it is what it takes as
-constant over an update: gravity and the turning of the navigation axes.
+Dynamics 21(2), 1998, 208-221, section II). A mechanisation loses accuracy only in what it takes as
+constant over an update: gravity and the rotation of the navigation axes.
 """
 
 from __future__ import annotations
@@ -32,27 +32,27 @@ from sinstool.core.quaternion_kernels import (
 from sinstool.core.timeline import SECOND
 from sinstool.methods.strapdown.velocity import Increments
 
-# What only compares navigations, or looks at a vehicle by steps of this, joins its updates as long
-# as they stay shorter, s. That changes the noise that they show of an Imu by less than 1 %.
+# Duration below which updates are joined where navigations are only compared, or sampled at such
+# steps, s. It changes the apparent noise of an IMU by less than 1 %.
 JOINED_S = 0.1
-# By how much of an update stamps may jitter.
+# Jitter of the stamps that is allowed for, as a fraction of an update
 ROUNDING = 0.01
 
 
 def joined_updates(increments: Increments, below_s: float) -> Increments:
-    """Updates, as many made one as are shorter than a time together.
+    """Join as many consecutive updates into one as stay shorter than a given time.
 
     Parameters
     ----------
     increments : Increments
         At least one update. Across gaps nothing is joined.
     below_s : float
-        What is joined stays shorter, where updates have their usual interval.
+        Upper limit of the duration of a joined update, s, at the usual interval.
 
     Returns
     -------
     Increments
-        Each ends where the last of its updates does; the same as before where no two fit.
+        Each ends where the last of its updates does; the input itself where no two updates fit.
     """
     usual = float(np.median(increments.interval))
     most = ceil(below_s / usual - ROUNDING) - 1

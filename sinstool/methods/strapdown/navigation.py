@@ -3,9 +3,10 @@
 Local-level mechanisation in NED on the WGS-84 ellipsoid with Earth rate, transport rate and
 normal gravity with its change with height; [1]_ and [2]_. One update works in axes that start
 as NED and then keep their azimuth: their transport rate has no component about down, so nothing
-becomes singular at a pole. At its end the position is turned out of the up vector, and velocity
-and attitude by the angle between those axes and NED there. That angle is finite everywhere, and
-so a flight over a pole comes out right. Only exactly at a pole north is what the longitude says.
+becomes singular at a pole. At its end the position follows from the turned up vector, and velocity
+and attitude are turned by the angle between those axes and NED there. That angle is finite
+everywhere, so a flight over a pole is handled correctly. Exactly at a pole, north is defined by the
+longitude.
 
 Order of an update, all rates at its middle:
 
@@ -14,8 +15,8 @@ Order of an update, all rates at its middle:
 3. position and ``zeta`` by the trapezoid of velocities;
 4. attitude ``q_nb <- exp(-zeta) q_nb exp(phi)``.
 
-The vertical channel is as it is in nature: an error in height grows as
-``cosh(sqrt(2 g / R) t)``: a damping network corrects the state between updates.
+The vertical channel is not damped here, so an error in height grows as ``cosh(sqrt(2 g / R) t)``; a
+damping network may correct the state between updates.
 
 References
 ----------
@@ -50,7 +51,7 @@ from sinstool.core.quaternion_kernels import (
 )
 from sinstool.core.rotation import normalise
 
-# Where things are in a state, a float64 array of SIZE numbers.
+# Indices of a state, a float64 array of SIZE numbers
 LATITUDE, LONGITUDE, HEIGHT = 0, 1, 2
 V_NORTH, V_EAST, V_DOWN = 3, 4, 5
 Q_W, Q_X, Q_Y, Q_Z = 6, 7, 8, 9
@@ -120,7 +121,7 @@ def step(
     Parameters
     ----------
     state : ndarray, shape (SIZE,)
-        Advanced in place. It holds no history: a filter may correct it between updates.
+        Advanced in place. It holds no history, so a filter may correct it between updates.
     px, py, pz : float
         Rotation vector of the body against inertial space, in ``b``, rad.
     ux, uy, uz : float
@@ -285,7 +286,7 @@ def _far_turn(
 
 
 ROUNDS = 5
-"""Each leaves of the error about the turn of the body in one update."""
+"""Each reduces the error by a factor of about the rotation of the body in one update, rad."""
 
 
 def navigate_backward(
@@ -300,9 +301,9 @@ def navigate_backward(
     Parameters
     ----------
     state : ndarray, shape (SIZE,)
-        At the end of the block; in its place comes the one at the start.
+        At the end of the block; replaced by the state at its start.
     phi, dv : ndarray, shape (n, 3)
-        Rotation vectors, rad, and velocity increments, m/s, biases taken off.
+        Rotation vectors, rad, and velocity increments, m/s, with biases removed.
     dt : ndarray, shape (n,)
         s.
     out : ndarray, shape (n, SIZE)

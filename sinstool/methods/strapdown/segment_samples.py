@@ -1,7 +1,7 @@
 """Ordered samples for an integration, segment by segment.
 
-A coning stage answers for a sample only when the update that ends there is done, which may be some
-samples, or a block, later. Until then the samples are held here.
+A coning stage may complete the update that ends at a sample only some samples, or a block, later.
+Until then the samples are held here.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ class SampleSettings:
     gyro_bias : ndarray, shape (3,)
         rad/s, subtracted.
     sample_rate : float or None
-        Rate in Hz to be believed instead of the stamps' intervals.
+        Sampling rate in Hz, used in place of the stamps' intervals.
     still_until_ns : int or None
-        The vehicle is known to be at rest until then: what the gyro seems to turn is the
-        wandering of its bias, and the state stays.
+        Until then the vehicle is known to be at rest: the rate that the gyro measures is its bias,
+        and the state does not change.
     """
 
     algorithm: ConingAlgorithm
@@ -75,14 +75,14 @@ def unbiased_segments(blocks: Iterable[Imu], settings: SampleSettings) -> Iterat
 
 
 class SegmentSamples:
-    """Samples of a segment that no update has answered for yet.
+    """Samples of a segment whose updates are not complete yet.
 
     Parameters
     ----------
     start_ns : int
         Time of the segment's first sample.
     sample_rate : float, optional
-        Believed in place of the stamps, Hz.
+        Used in place of the stamps, Hz.
     """
 
     def __init__(self, start_ns: int, sample_rate: float | None = None) -> None:
@@ -98,7 +98,7 @@ class SegmentSamples:
         Returns
         -------
         ndarray of int64, shape (n,)
-            Their times: the stamps, or what the believed rate makes of them, ns.
+            Their times, ns: the stamps, or those at the given sampling rate.
         """
         self._held = concatenate([self._held, imu]) if self._held else imu
         times = imu.time_ns
@@ -109,7 +109,7 @@ class SegmentSamples:
         return times
 
     def take(self, sample: np.ndarray) -> Imu:
-        """Samples at the ends of finished updates; they and all before them are let go.
+        """Samples at the ends of finished updates; they and all earlier ones are released.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class SegmentRun(ABC):
         """Solutions at finished updates."""
 
     def _answer(self, updates: Any) -> Iterator[Solution]:
-        """Integrate over finished updates and let go of the samples they answer for."""
+        """Integrate over finished updates and release their samples."""
         if len(updates.sample):
             assert self._waiting is not None
             self.updates += len(updates.sample)

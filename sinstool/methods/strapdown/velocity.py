@@ -13,12 +13,12 @@ algorithm makes of the samples ``gyro + e accel``,
 
     u = J(phi) dphi/de,     J(phi) = I + (1 - cos a)/a**2 [phi x] + (a - sin a)/a**3 [phi x]**2.
 
-Thus every coning algorithm and every kind of sample has its matching sculling, of its own
-order, at its own instants: of ``previous-1`` it is
-``1/12 (dtheta[k-1] x dv[k] + dv[k-1] x dtheta[k])``, of the optimal coefficients the dual ones of
-[2]_, and of point rates what their interpolation gives. `J` is the exact rotation compensation.
-The derivative is a central difference; the algorithms are quadratic in the increments but for
-terms of third order, so that it is exact to rounding for the quadratic ones.
+Thus every coning algorithm and every kind of sample has a matching sculling correction, of the
+same order and at the same instants. For ``previous-1`` it is
+``1/12 (dtheta[k-1] x dv[k] + dv[k-1] x dtheta[k])``, for the optimal coefficients it is the dual of
+[2]_, and for point rates it follows from their interpolation. `J` is the exact rotation
+compensation. The derivative is a central difference, which is exact to rounding for algorithms that
+are quadratic in the increments; the others add terms of third order only.
 
 References
 ----------
@@ -41,8 +41,8 @@ from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import cross
 from sinstool.methods.coning.stage import ConingStage, RotationVectors
 
-# rad per m/s. Rounding of phi costs 1e-17/1e-4 m/s per update, terms of third order in the
-# specific force some (1e-4 dv)**2 of what does not commute.
+# rad per m/s. Rounding of phi costs 1e-17/1e-4 m/s per update; terms of third order in the specific
+# force cost a fraction of about (1e-4 dv)**2 of the non-commuting part.
 _DUAL = 1e-4
 
 
@@ -76,18 +76,19 @@ class Increments:
 
 
 class IncrementStage:
-    """Gyro and accelerometer samples of one segment into increments, block by block.
+    """Compensated increments from the gyro and accelerometer samples of one segment.
 
     Parameters
     ----------
     coning_stage : callable
-        Gives a new coning stage for the segment; called three times. Gyro and accelerometer
-        are of the same kind of sample, that of the stage.
+        Returns a new coning stage for the segment; called three times. Gyro and accelerometer
+        samples are both of the kind that the stage takes.
 
     Notes
     -----
-    The segment, and so the navigation, starts at the instant of the first sample. Where
-    samples are integrals or means, that one lies before it and serves as history only.
+    The segment, and so the navigation, starts at the instant of the first sample. Where samples
+    are integrals or means, the interval of the first one lies before that instant, and it serves
+    as history only.
     """
 
     def __init__(self, coning_stage: Callable[[], ConingStage]) -> None:
@@ -204,7 +205,7 @@ def remove_bias(
     ay: float,
     az: float,
 ) -> tuple[float, float, float, float, float, float]:
-    """Take biases out of increments that are compensated already.
+    """Remove biases from increments that are already compensated for coning and sculling.
 
     Parameters
     ----------
@@ -220,9 +221,9 @@ def remove_bias(
     Returns
     -------
     px, py, pz, ux, uy, uz : float
-        As if the samples had been corrected first, to the first order in the biases and but
-        for their share of coning and sculling, which is a twelfth of bias times change of
-        increment.
+        As if the samples had been corrected first, to first order in the biases. Their effect on
+        the coning and sculling corrections, a twelfth of bias times change of increment, is
+        neglected.
     """
     ux -= ax + 0.5 * (py * az - pz * ay + gy * uz - gz * uy)
     uy -= ay + 0.5 * (pz * ax - px * az + gz * ux - gx * uz)

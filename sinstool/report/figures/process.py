@@ -64,19 +64,19 @@ def tilt(curves: Curves, note: str) -> list[Figure]:
     ]
 
 
-def heading(curves: Curves, axes: str, north: bool = True) -> Figure:
-    """Heading within a turn, with holes where it goes over its end.
+def heading(curves: Curves, axes: str, origin: str = "true north") -> Figure:
+    """Heading from 0 to 360 deg, with a hole where it passes the end of that range.
 
     Parameters
     ----------
     axes : str
-        Whose heading it is, in a sentence.
-    north : bool, optional
-        Whether it is referenced to north.
+        A sentence that says whose heading it is.
+    origin : str, optional
+        The north from which it counts; '' if that is unknown.
     """
     seconds, within = heading_curve(curves.seconds, curves.of["heading"])
-    note = "Clockwise from above, from true north."
-    if not north:
+    note = f"Clockwise from above, from {origin}."
+    if not origin:
         note = "Clockwise from above. Nothing in the log shows north: only its changes count."
     line = (Series("heading", within),)
     notes = (f"{note} {axes}",)

@@ -239,8 +239,9 @@ def _events(result: ProcessResult) -> Table | None:
     )
     notes = [
         "Size: engaged: offset of the reference, m; coast: s since its last good sample;"
-        " re-engaged: m taken out of the height; jump: m by which the reference jumped; frozen: m"
-        " given back; invalid: s of coasting; imu-gap: s."
+        " re-engaged: m taken out of the height; jump: m by which the reference jumped; returned: m"
+        " by which it came back, and the height with it; frozen: m given back; invalid: s of"
+        " coasting; imu-gap: s."
     ]
     if len(height.events) > EVENTS:
         notes.append(f"The first {EVENTS} of {len(height.events)}.")

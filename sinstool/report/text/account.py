@@ -16,17 +16,17 @@ WHAT = {
     "ins": "Attitude, velocity and position were computed from the IMU alone",
     "ins-gnss": "Attitude, velocity and position were computed from the IMU and GNSS",
 }
-# Squared innovations over their expectation outside of which the text explains what it means.
+# Ratios of squared innovations to their expectation beyond which the text gives advice
 LOW_NIS, HIGH_NIS = 0.5, 2.0
 
 
 def account(result: ProcessResult) -> tuple[str, ...]:
-    """Paragraphs for above the figures.
+    """Paragraphs for the page, above its figures.
 
     Returns
     -------
     tuple of str
-        The processing, over how long and how far; how well it is known; what was assumed.
+        What was computed, for how long and how far; its accuracy; what was assumed.
     """
     accuracy = [_accuracy(result), _against_truth(result)]
     parts = (
@@ -37,8 +37,20 @@ def account(result: ProcessResult) -> tuple[str, ...]:
     return tuple(part for part in parts if part)
 
 
+def heading_origin(result: ProcessResult) -> str:
+    """The north from which headings count, in words; '' if nothing in the log shows it."""
+    smoothing = result.smoothing
+    magnetometer = None if smoothing is None else smoothing.magnetometer
+    if magnetometer is not None and not magnetometer.refused:
+        unverified = "the magnetometer's north, which could not be verified"
+        return {"true": "true north", "magnetic": "magnetic north"}.get(
+            magnetometer.north, unverified
+        )
+    return "true north" if result.alignment.north_referenced else ""
+
+
 def duration(seconds: float) -> str:
-    """A length of time, in the unit that reads well."""
+    """A length of time in a convenient unit."""
     if seconds < 600.0:
         return f"{seconds:.4g} s"
     return f"{seconds / 60.0:.1f} min" if seconds < 7200.0 else f"{seconds / 3600.0:.2f} h"
@@ -83,7 +95,7 @@ def _fixes(used: filter_used.FilterUsed | None) -> str:
 
 
 def _accuracy(result: ProcessResult) -> str:
-    accuracy, north = result.travel.accuracy, result.alignment.north_referenced
+    accuracy, north = result.travel.accuracy, heading_origin(result)
     heading = "" if north else " Nothing in the log shows north, so only changes of heading count."
     if accuracy is None:
         if result.hse is not None:

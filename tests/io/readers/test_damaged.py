@@ -9,6 +9,7 @@ import pytest
 
 from sinstool.core.errors import NotALogError, SinstoolError
 from sinstool.io.readers import open_log
+from sinstool.io.readers.lost import Lost, LostParts
 from tests.helpers.logs import read_back, rows, same_time
 from tests.helpers.paths import ROOT
 from tests.io.readers.damaged import CASES
@@ -115,3 +116,12 @@ def test_none_takes_more_than_500_mb(tmp_path):
     said = json.loads(done.stdout)
     assert len(said) == len(CASES)
     assert {path: peak for path, peak in said.items() if peak >= 500} == {}
+
+
+def test_the_span_of_a_loss_between_chunks_that_overlap_begins_with_the_earlier_time():
+    losses = LostParts()
+    lost = losses.note(Lost("a chunk's CRC does not match its content", "chunk", 100, 200))
+    losses.between(100, 40, 10)
+    assert losses.waiting  # it lies behind what was read
+    losses.between(300, 50, 20)
+    assert (lost.start_ns, lost.end_ns) == (20, 50) and not losses.waiting

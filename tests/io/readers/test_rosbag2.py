@@ -116,11 +116,11 @@ def test_a_file_that_is_missing(tmp_path):
     names = split(folder)
     metadata(folder, names)
     (folder / names[3]).unlink()
-    with pytest.raises(DamagedLogError, match=r"lists bag_3\.db3, which is not there.*--salvage"):
+    with pytest.raises(DamagedLogError, match=r"lists bag_3\.db3, which is missing.*--salvage"):
         open_log(folder)
     with open_log(folder, salvage=True) as log:
         assert read_back(log) == in_order(folder, names[:3] + names[4:])
-        assert [str(p) for p in log.lost] == ["metadata.yaml lists bag_3.db3, which is not there"]
+        assert [str(p) for p in log.lost] == ["metadata.yaml lists bag_3.db3, which is missing"]
 
 
 def test_a_damaged_file_is_named(tmp_path):
@@ -172,7 +172,7 @@ def test_what_we_do_not_read_is_named(tmp_path):
     with pytest.raises(UnsupportedLogError, match=r"'leveldb'.*sqlite3 and mcap"):
         open_log(folder)
     metadata(folder, names, extra="  compression_mode: FILE\n  compression_format: lz4\n")
-    with pytest.raises(UnsupportedLogError, match="compressed by 'lz4'"):
+    with pytest.raises(UnsupportedLogError, match="compressed with 'lz4'"):
         open_log(folder)
 
 

@@ -218,7 +218,7 @@ def test_our_own_topics_are_not_taken_for_sensors(tmp_path):
 def test_no_imu_says_what_there_is(tmp_path):
     text = refused(write_log(tmp_path / "a.mcap", [fix("/fix", TIMES[0])]))
     assert "no sensor_msgs/Imu topic" in text and FIX_TYPE in text
-    assert "no typed topic" in refused(write_log(tmp_path / "b.mcap", []))
+    assert "no topic of a known type" in refused(write_log(tmp_path / "b.mcap", []))
 
 
 def test_a_wanted_topic_that_is_not_there_or_is_something_else(tmp_path):

@@ -134,11 +134,16 @@ def test_csv(tmp_path, log, q_nb, clock):
         ("time_s,qw,qx,qy,qz\n", "fewer than two attitudes"),
         ("time_s,qw,qx,qy,qz\n0,1,0,0,0\n1,,,,\n", "fewer than two attitudes"),
         ("", "no column qw"),
+        ("time_s,qw,qx,qy,qz\n0,1,0,0,0\nInfinity,1,0,0,0\n", "line 3 holds no numbers"),
+        ("time_s,qw,qx,qy,qz\n0,1,0,0,0\n1e30,1,0,0,0\n", "line 3 holds a time that no log has"),
+        (f"time_ns,qw,qx,qy,qz\n{2**63},1,0,0,0\n", "line 2 holds a time that no log has"),
+        ("time_s,qw,qx,qy,qz\n0,1,0,0," + "0" * 200_000 + "\n", "line 2 cannot be read"),
+        (b"time_s,qw,qx,qy,qz\n\xff\xfe", "is not text"),
     ],
 )
 def test_csv_that_is_none(tmp_path, log, text, message):
     path = tmp_path / "truth.csv"
-    path.write_text(text)
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(LogError, match=message):
         read_truth(log, str(path), "flu")
 

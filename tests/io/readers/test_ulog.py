@@ -8,7 +8,9 @@ import pytest
 
 import sinstool
 from sinstool.core.errors import DamagedLogError, NotALogError, UnsupportedLogError
+from sinstool.core.streams import concatenate
 from sinstool.io.readers import open_log
+from sinstool.io.readers.streams import Losses, read_fixes, read_velocity
 from sinstool.io.readers.ulog import ROWS
 from tests.helpers.paths import ROOT
 
@@ -122,6 +124,20 @@ def test_what_is_no_fix_is_none(file):
     with open_log(file(*topics)) as log:
         counts = {channel.topic: log.counts[n] for n, channel in log.channels.items()}
     assert counts == {"/px4/imu": 2000, "/px4/gps/fix": 10, "/px4/gps/velocity": 0}
+
+
+def test_a_2d_fix_is_no_fix_and_a_fix_may_lack_its_velocity(file):
+    rows = gps_rows()
+    rows[0] = (*rows[0][:-2], 2, 1)
+    rows[1] = (*rows[1][:-2], 3, 0)
+    topics = ("sensor_combined", IMU, imu_rows()), ("sensor_gps", GPS, rows)
+    with open_log(file(*topics)) as log:
+        fixes = concatenate(list(read_fixes(log, log.channels_of("/px4/gps/fix"), Losses())))
+        moving = concatenate(
+            list(read_velocity(log, log.channels_of("/px4/gps/velocity"), Losses()))
+        )
+    assert fixes.status.tolist() == [-1] + [0] * 9
+    assert moving.time_ns.tolist() == fixes.time_ns[2:].tolist()
 
 
 @pytest.mark.parametrize(

@@ -157,6 +157,9 @@ def test_caveat_names_the_bands():
     assert "60 Hz" in chosen.caveat
     assert "real coning above 110 Hz" in chosen.caveat
     assert algorithm("previous-3").caveat == ""
+    # without a stopband nothing makes it ignore what is above the passband
+    open_above = algorithm("gyro-tuned", interval=STEP, passband=60.0)
+    assert "not controlled" in open_above.caveat and "ignored" not in open_above.caveat
 
 
 def test_real_coning_above_the_stopband_is_ignored():
@@ -246,7 +249,7 @@ def test_impossible_tables_are_refused(bad):
 
 @pytest.mark.parametrize(
     "bad", ["cheb:0,0.2,200", "cheb:6,0,200", "cheb:6,0.2,-1", "cheb:6.5,0.2,200", "butter:2",
-            "butter:0,80", "cheb:six,0.2,200"]
+            "butter:0,80", "cheb:six,0.2,200", "butter:inf,80", "cheb:nan,0.2,200"]
 )  # fmt: skip
 def test_impossible_responses_are_refused(bad):
     with pytest.raises(ConfigurationError):

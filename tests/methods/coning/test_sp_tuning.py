@@ -167,6 +167,15 @@ def test_bounds_of_noise_say_so():
     assert result.epsilon_upper[1] <= result.epsilon_upper[0] <= result.epsilon_upper[2]
 
 
+@pytest.mark.parametrize(("ratio", "status"), [(2.0, "noise-limited"), (5.0, "ok")])
+def test_bounds_need_motion_of_three_times_the_noise(ratio, status):
+    noise = with_noise(np.zeros((40000, 3)), 1e-3)
+    # a line whose power is that of the noise in the band up to 160 of 200 Hz, times the ratio
+    power = ratio * 3.0 * 1e-6 * 160.0 / 200.0
+    line = np.outer(np.sin(turn(30.0) * np.arange(40000)), [np.sqrt(2.0 * power), 0.0, 0.0])
+    assert bounds(line + noise, STEP).status == status
+
+
 def test_naive_differences_of_noise_would_mislead():
     # what the bounds would be from differences of white noise: the reason for the spectrum
     noise = np.random.default_rng(1).normal(size=100000)

@@ -286,6 +286,15 @@ def test_jump(rate, tau):
     assert abs(out["v_up"] - flight.v)[late].max() < 0.3
 
 
+def test_jump_of_a_slow_and_late_barometer_is_no_coast():
+    # the fifth sample that confirms it arrives after more than five intervals without a good one
+    flight = Flight(400.0, CLIMBS, baro_rate=1.0)
+    flight.h_baro = flight.h_baro + 0.2 * np.random.default_rng(3).standard_normal(401)
+    flight.h_baro[flight.t_baro >= 300.3] += 40.0
+    _, channel = flight.run(network(5.0), arrival=flight.t_baro + 0.3)
+    assert kinds(channel) == ["engaged", "jump"]
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("grade", ["mems", "tactical"])
 def test_a_barometer_that_comes_back_takes_the_height_back_with_it(grade, seed):
@@ -423,6 +432,16 @@ def test_steady_value_at_rest_is_no_frozen_barometer(climbs):
     _, channel = flight.run(network(5.0))
     assert kinds(channel) == ["engaged"]
     assert channel.summary.samples["frozen"] == 0
+
+
+def test_a_sensor_that_often_keeps_its_value_is_frozen_later():
+    flight = noisy("mems", 1, 300.0)
+    for begin, duration in ((40.0, 10.0), (100.0, 60.0)):
+        stuck = (flight.t_baro >= begin) & (flight.t_baro < begin + duration)
+        flight.h_baro[stuck] = flight.h_baro[stuck][0]
+    _, channel = flight.run(network(5.0))
+    (frozen,) = (e for e in channel.events if e.kind == "frozen")
+    assert frozen.duration == pytest.approx(50.0, abs=0.2)
 
 
 # --- for a host ---------------------------------------------------------------------------

@@ -105,7 +105,11 @@ def test_order_goes_up_and_down():
     [
         ({"rates": ()}, "no rate"),
         ({"rates": (0.35, 0.36)}, "differ by less than 10 deg/s"),
+        ({"rates": (0.35, 1e308)}, "a rate is beyond 10000 deg/s"),
         ({"repeats": 0}, "no repeats"),
+        ({"repeats": 100_000_000}, "more than 1000 repeats"),
+        ({"C23": (1e9,)}, "leans by more than 1 rad"),
+        ({"angle_random_walk": 1e300}, "beyond 100 deg/sqrt"),
         ({"C23": ()}, "no position"),
         ({"angle_random_walk": 0.0}, "random walk"),
         ({"latitude": 1.5}, "85 deg"),

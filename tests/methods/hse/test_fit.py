@@ -223,6 +223,18 @@ def test_one_rate_gives_the_axial_value_only():
     assert result.axial.bias is None
 
 
+def test_rates_that_differ_by_a_tenth_show_the_bias_along_the_axis():
+    bias = 3e-8
+    for rates, seen in ((20.0, 24.0), True), ((20.0, 21.0), False):
+        runs = brute_runs(rates=np.repeat(np.radians(rates), 2))
+        runs = [replace(r, c_axial=r.c_axial + bias / (r.rate - W * np.sin(0.49))) for r in runs]
+        found = fit_axial(runs, weighted=False)
+        assert (found.bias is not None) == seen
+        if seen:
+            assert found.bias == pytest.approx(bias, rel=0.01)
+            assert found.lambda2 == pytest.approx(TRUE, rel=1e-3)
+
+
 def test_an_outlier_is_left_out_and_named():
     rng = np.random.default_rng(10)
     runs = noisy(brute_runs(rates=np.tile(RATES, 4)), rng)
@@ -309,7 +321,7 @@ def test_runs_are_left_out_by_name_and_by_time():
         fit([*runs, runs[0]])
     with pytest.raises(ConfigurationError, match="no run"):
         fit([])
-    with pytest.raises(ConfigurationError, match="method 'best' is unknown: one of joint"):
+    with pytest.raises(ConfigurationError, match="method 'best' is unknown: give one of joint"):
         FitOptions(method="best")
 
 
@@ -328,7 +340,7 @@ def test_without_the_scatter_of_turns_all_runs_weigh_the_same():
     runs = noisy(brute_runs(), rng)
     runs[1] = replace(runs[1], sigma_heading=np.nan)
     result = fit(runs, HEADING)
-    assert any("have the same weight" in w for w in result.warnings)
+    assert any("get the same weight" in w for w in result.warnings)
     assert result.distribution == "t"
     equal = fit(runs, FitOptions(method="heading", weights="equal"))
     assert result.lambda2 == equal.lambda2

@@ -5,7 +5,12 @@ import pytest
 
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import EncoderModel
-from sinstool.methods.hse.segments import BLOCK_S, SegmentRules, find_segments
+from sinstool.methods.hse.segments import (
+    BLOCK_S,
+    SegmentRules,
+    _relative_noise,
+    find_segments,
+)
 from sinstool.simulation.turntable import TableProfile
 
 ARCSEC = np.pi / 648000.0
@@ -27,6 +32,18 @@ def measured(walk, lost=(), seed=1):
     stamps = 1_700_000_000_000_000_000 + np.round(at * 1e9).astype(np.int64)
     rows = np.delete(np.arange(1, len(at)), lost) if len(lost) else np.arange(1, len(at))
     return profile, table_angle(stamps[rows], stamps, reading, EncoderModel())
+
+
+def test_noise_of_the_rate_of_blocks_is_that_of_differences_of_their_means():
+    means = np.random.default_rng(3).normal(0.0, 1e-3, 20_000)
+    noise = 0.5 * (means[2:] - means[:-2])
+    found = _relative_noise(0.7 + noise)
+    assert found == pytest.approx(noise.std() / 0.7, rel=0.03)
+    # an even change of the rate is no noise; nor is a table at rest
+    assert _relative_noise(np.linspace(0.5, 0.9, len(noise)) + noise) == pytest.approx(
+        found, rel=0.1
+    )
+    assert _relative_noise(noise[:100]) == 0.0
 
 
 def spans(walk, acceleration=5.0):

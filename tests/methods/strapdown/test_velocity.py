@@ -193,6 +193,19 @@ def test_bias_is_removed_after_compensation():
         assert np.abs(simple - first)[3:].max() > 2.0 * np.abs(after - first)[3:].max()
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_every_term_of_the_removal_is_that_of_corrected_increments(axis):
+    # u = a + p x a / 2 of corrected increments; of a bias only its first order is wanted
+    p, a = np.array([2e-3, -3e-3, 1e-3]), np.array([0.08, 0.05, -0.1])
+    u = a + 0.5 * np.cross(p, a)
+    for g, b in ((1e-6 * np.eye(3)[axis], np.zeros(3)), (np.zeros(3), 1e-6 * np.eye(3)[axis])):
+        change = np.array(remove_bias(*p, *u, *g, *b)) - [*p, *u]
+        wanted = (a - b) + 0.5 * np.cross(p - g, a - b) - u
+        crossed = 0.5 * (np.cross(g, a) + np.cross(p, b))
+        np.testing.assert_allclose(change[:3], -g, rtol=1e-9)
+        np.testing.assert_allclose(change[3:], wanted, rtol=0, atol=0.02 * np.abs(crossed).max())
+
+
 def test_samples_that_do_not_fit_are_refused():
     run = flying.stage("previous-1", "increment", 0.01)
     with pytest.raises(ValueError, match="accel"):

@@ -346,7 +346,7 @@ def test_other_suffixes_are_refused(made, name, tmp_path):
 
 
 def test_a_log_that_is_no_result_is_refused(drive, tmp_path):
-    with pytest.raises(SinstoolError, match=r"no result of sinstool.*sinstool process"):
+    with pytest.raises(SinstoolError, match=r"not a result of sinstool.*sinstool process"):
         export(drive, tmp_path / "x.csv", configured())
     assert not list(tmp_path.iterdir())
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any, BinaryIO
 
-import numpy as np
-
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.table import Table, attitude_columns, table_of
 from sinstool.core.version import VERSION
@@ -13,11 +11,10 @@ from sinstool.io.readers.results import ResultBlock
 from sinstool.io.writers.export.rows import Value, text_rows
 from sinstool.io.writers.export.target import Described, Writer
 
-# Digits behind the point by the end of a column's name: finer than any sensor, and coarse enough
-# for a float64 to hold them
+# Decimals by the end of a column's name: finer than any sensor, and no finer than float64 resolves
 DECIMALS = {"_deg": 10, "_rad_s": 12, "_m_s": 9, "_m_s2": 9, "_m": 6}
 QUATERNION_DECIMALS = 15
-# Rates and specific force, which a result need not have
+# Angular rates and specific forces, which a result may lack
 RATES = ("omega_ib_b", "specific_force_b")
 LATE = ("vehicle", "sigma", "damp", *RATES)
 # Rows of a Parquet file that are stored together
@@ -25,7 +22,7 @@ GROUP_ROWS = 2**17
 
 
 def columns_of(block: ResultBlock, first_ns: int) -> Table:
-    """Columns of a block, those that people look for first at the left.
+    """Columns of a block, in the order of importance to a reader.
 
     Parameters
     ----------
@@ -46,7 +43,8 @@ def columns_of(block: ResultBlock, first_ns: int) -> Table:
     if block.q_nv is not None:
         angles = {k: v for k, v in attitude_columns(block.q_nv).items() if k.endswith("_deg")}
         table |= {f"vehicle_{name}": column for name, column in angles.items()}
-    names = [name for name in table if not (name.startswith(RATES) and _absent(table[name]))]
+    # not by their values, which may be missing in one block and present in the next
+    names = [name for name in table if block.has_rates or not name.startswith(RATES)]
     names.sort(key=_place)
     seconds = (time_ns - first_ns) / 1e9
     return {"time_ns": time_ns, "time_s": seconds, **{name: table[name] for name in names}}
@@ -57,12 +55,8 @@ def _place(name: str) -> int:
     return next((k for k, stem in enumerate(LATE, 1) if name.startswith(stem)), 0)
 
 
-def _absent(column: np.ndarray) -> bool:
-    return bool(np.isnan(column).all())
-
-
 def decimals_of(name: str) -> int:
-    """Digits behind the point with which a column is written."""
+    """Number of decimals with which a column is written."""
     if name.startswith("q_nb"):
         return QUATERNION_DECIMALS
     return next(count for end, count in DECIMALS.items() if name.endswith(end))
@@ -71,7 +65,7 @@ def decimals_of(name: str) -> int:
 class CsvWriter(Writer):
     """Comma-separated values: a line of names, then a line for each instant.
 
-    What is not known is an empty field.
+    Unknown values are empty fields.
     """
 
     def push(self, block: ResultBlock) -> None:
@@ -96,7 +90,7 @@ class ParquetWriter(Writer):
     Raises
     ------
     ConfigurationError
-        pyarrow is not installed.
+        If pyarrow is not installed.
     """
 
     def __init__(self, stream: BinaryIO, about: Described) -> None:
@@ -133,7 +127,7 @@ class ParquetWriter(Writer):
                 "sinstool.reference_frame": self.about.reference,
             }
             schema = table.schema.with_metadata(about)
-            # pyarrow would close a stream that is not its own
+            # pyarrow would close our stream
             sink = self._arrow.PythonFile(_KeptOpen(self.stream), mode="w")
             self._file = self._parquet.ParquetWriter(sink, schema, compression="zstd")
         self._file.write_table(table.replace_schema_metadata(self._file.schema.metadata))
@@ -141,7 +135,7 @@ class ParquetWriter(Writer):
 
 
 class _KeptOpen:
-    """A stream that others may use, but not close."""
+    """A stream that its user cannot close."""
 
     closed = False
 

@@ -16,13 +16,13 @@ class Described:
     Attributes
     ----------
     name : str
-        Of the result.
+        Name of the result.
     reference : str
-        Frame id of its attitudes; '' where it is not known.
+        Frame id of its attitudes; '' if it is unknown.
     first_ns : int
         Time from which seconds are counted: the result's first.
     geoid_height : float or None
-        Of the geoid above the ellipsoid, m, for formats whose heights count from the geoid.
+        Height of the geoid above the ellipsoid, m, for formats with heights above the geoid.
     """
 
     name: str
@@ -42,11 +42,11 @@ class Writer(ABC):
     Attributes
     ----------
     columns : tuple of str
-        Names of what a row has, where the format has rows with names; known after a block.
+        Names of the columns, for formats that have them; known after the first block.
     """
 
     needs_position = False
-    """Whether latitude and longitude are what it is made of."""
+    """Whether the format consists of latitudes and longitudes."""
 
     def __init__(self, stream: BinaryIO, about: Described) -> None:
         self.stream = stream
@@ -55,7 +55,7 @@ class Writer(ABC):
 
     @abstractmethod
     def push(self, block: ResultBlock) -> None:
-        """Write rows; never none."""
+        """Write the rows of a block, at least one."""
 
     def finish(self) -> None:  # noqa: B027 - not every format has an end
         """Write the end of the file, after the last row."""
