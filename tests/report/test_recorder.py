@@ -41,7 +41,9 @@ def recorded(solution, *, blocks=1, height=None, hse=None, truth=None, prepare=N
     for rows in np.array_split(np.arange(N), blocks):
         recorder.push(solution.rows(slice(rows[0], rows[-1] + 1)))
     alignment = SimpleNamespace(north_referenced=True)
-    result = SimpleNamespace(height=height, hse=hse, filter=None, alignment=alignment)
+    result = SimpleNamespace(
+        height=height, hse=hse, filter=None, smoothing=None, alignment=alignment
+    )
     results, checks = recorder.figures(result)
     return recorder, {one.key: one for one in (*results, *checks)}
 

@@ -135,9 +135,10 @@ def test_heading_has_holes_where_it_goes_over_the_turn():
 
 def test_the_note_of_the_heading_says_from_where_it_counts():
     columns = curves(np.arange(2.0), heading=[1.0, 2.0])
-    assert "from magnetic north. Of the IMU." in draw.heading(
-        columns, "Of the IMU.", "magnetic north"
-    ).notes[0]
+    assert (
+        "from magnetic north. Of the IMU."
+        in draw.heading(columns, "Of the IMU.", "magnetic north").notes[0]
+    )
     assert "Nothing in the log shows north" in draw.heading(columns, "", "").notes[0]
 
 
