@@ -238,7 +238,9 @@ def test_polars_and_arrow_hold_the_same(drive):
 def test_a_library_that_is_missing_is_named(monkeypatch, library, call):
     imu = Imu.of([0, 1], np.zeros((2, 3)), np.zeros((2, 3)))
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(sinstool.SinstoolError, match=f"{library} is not .*pip install {library}"):
+    with pytest.raises(
+        sinstool.SinstoolError, match=f"{library}, which is not .*pip install {library}"
+    ):
         call(imu)
 
 

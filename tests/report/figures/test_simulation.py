@@ -164,7 +164,9 @@ def test_a_drive_has_the_same_track_when_simulated_and_when_processed():
         )
     )  # fmt: skip
     alignment = SimpleNamespace(north_referenced=True)
-    result = SimpleNamespace(hse=None, height=None, filter=None, alignment=alignment)
+    result = SimpleNamespace(
+        hse=None, height=None, filter=None, smoothing=None, alignment=alignment
+    )
     processed = by_key(recorder.figures(result)[0])["track"]
     assert (simulated.xlabel, simulated.ylabel) == (processed.xlabel, processed.ylabel)
     assert simulated.ylabel == "north, m"
