@@ -43,10 +43,13 @@ class Step:
         The first message behind it, in the order of the file.
     size_ns : int
         By how much it was set forward.
+    from_there : bool
+        It was right before: there stamps are nearer to the times of recording.
     """
 
     row: int
     size_ns: int
+    from_there: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,11 @@ class Level:
         """Whether it is a step at all."""
         return abs(self.rise) > LEAST_NS and abs(self.rise) > SURE * self.noise
 
+    @property
+    def better_before(self) -> bool:
+        """Whether what lies before is nearer to zero."""
+        return abs(self.before) < abs(self.before + self.rise)
+
 
 def recorder_steps(log_ns: IntArray) -> list[Step]:
     """Steps back of the clock by which one channel's messages were recorded.
@@ -88,7 +96,7 @@ def recorder_steps(log_ns: IntArray) -> list[Step]:
     found = []
     for row in rows.tolist():
         level = even_level(log_ns, row)
-        if level is None or not level.sure or not _again(log_ns, row, level.rise):
+        if level is None or not level.sure or not _again(log_ns, row, level):
             continue
         if _repeated(log_ns, row):
             continue
@@ -112,15 +120,15 @@ def stamp_steps(time_ns: IntArray, log_ns: IntArray) -> list[Step]:
     rows = np.sort(rows[np.argsort(-leaps[rows], kind="stable")[: 5 * MOST_STEPS]]) + 1
     found = []
     for row in rows.tolist():
-        size = _stamp_step(time_ns, log_ns, row)
-        if size is not None:
-            found.append(Step(row, size))
-            time_ns[:row] += size
+        step = _stamp_step(time_ns, log_ns, row)
+        if step is not None:
+            found.append(step)
+            time_ns[:row] += step.size_ns
     return found if len(found) <= MOST_STEPS else []
 
 
-def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> int | None:
-    """Size of the step of the stamps before a row; None where it is none, or may be a delay."""
+def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> Step | None:
+    """The step of the stamps before a row; None where it is none, or may be a delay."""
     level = delay_level(time_ns, log_ns, row)
     if level is None or not level.sure:
         return None
@@ -131,14 +139,16 @@ def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> int | None:
         return None
     if rise < 0.0:
         # Stamps that are too close to each other; what is only recorded late is not
-        stepped = step < interval - (1.0 - ALIKE) * abs(rise) and _again(time_ns, row, rise)
+        stepped = step < interval - (1.0 - ALIKE) * abs(rise) and _again(time_ns, row, level)
     else:
         # A queue that lost what it held makes stamps leap too, but they were recorded late before
         soon = not rise - LEAST_NS <= level.before <= rise + SLOWEST_NS
         stepped = (soon or _off_grid(time_ns, row, rise)) and recorded > 0.5 * interval
         between = (time_ns > time_ns[row - 1] + interval / 2) & (time_ns < time_ns[row] - interval)
         stepped &= not between[row:].any()
-    return whole_size(time_ns, row, rise, level.noise) if stepped else None
+    if not stepped:
+        return None
+    return Step(row, whole_size(time_ns, row, rise, level.noise), level.better_before)
 
 
 def _off_grid(time_ns: IntArray, row: int, rise: float) -> bool:
@@ -204,18 +214,19 @@ def _level(values: FloatArray, row: int, interval: float) -> Level:
     return Level(medians[1] - medians[0], variance**0.5, interval, medians[0])
 
 
-def _again(time_ns: IntArray, row: int, rise: float) -> bool:
+def _again(time_ns: IntArray, row: int, level: Level) -> bool:
     """Whether times that ran back count the same time twice, or go where there was none."""
-    begin = int(time_ns[row])
-    later = time_ns[row:]
-    returns = np.flatnonzero(np.diff(later) > 0.5 * abs(rise))
+    size = abs(level.rise)
+    begin, later, earlier = int(time_ns[row]), time_ns[row:], time_ns[:row]
+    returns = np.flatnonzero(np.diff(later) - level.interval > 0.5 * size)
     same = later[: returns[0] + 1] if len(returns) else later
-    earlier = time_ns[:row]
     first, last = int(earlier.min()), int(same.max())
     if last < first:
         # Nothing twice: parts of a recording in the wrong order follow each other
         return bool(first - last > MEET_NS)
-    low, high = max(begin, first), min(last, begin + round(abs(rise)))
+    low, high = max(begin, first), min(last, begin + round(size))
+    if high - low < 2.0 * level.interval:
+        return size < 2.0 * level.interval
     before, behind = (np.count_nonzero((part >= low) & (part <= high)) for part in (earlier, same))
     return bool(0 < behind <= before / TWICE)
 

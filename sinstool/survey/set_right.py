@@ -33,7 +33,7 @@ from sinstool.io.readers.message_types import (
 from sinstool.io.readers.streams import header, stamp
 from sinstool.io.readers.topics import OWN_PREFIXES, ImuTopic
 from sinstool.io.readers.truth import PATHS
-from sinstool.io.readers.undone import Undone
+from sinstool.io.readers.undone import ChannelClocks
 from sinstool.survey.clock_steps import (
     ALIKE,
     LEAST_NS,
@@ -61,8 +61,8 @@ TYPES = {
 KIND = "clock-step"
 # Delays of two topics that are no more apart are by one clock.
 SAME_CLOCK_NS = SECOND
-NOTHING = Undone()
-OWN = "the clock that stamps {} was set {{}}: stamps before that are moved by as much"
+NO_STEPS = ChannelClocks()
+OWN = "the clock that stamps {} was set {{}}: stamps {{}} are moved by as much"
 S = TypeVar("S", bound=Stream)
 
 
@@ -124,22 +124,21 @@ def set_right(log: Log, topic: ImuTopic) -> tuple[Finding, ...]:
     if imu is None:
         return ()
     others = tuple(topics.values())
-    found: list[tuple[int, int, str]] = []
+    found = []
     steps = (*recorder_steps(imu.log_ns), *_forward(imu, others))
     for step in sorted(steps, key=lambda one: one.row):
-        size, moved = _undone_with(log, step, imu, others)
-        text = "the clock of the recording computer was set"
+        text = "the clock of the recording computer was set {}: {} {} moved by as much"
+        right, moved = _undone_with(log, step, imu, others)
         what = f"the stamps of {', '.join(moved)}" if moved else "no stamps, but times of recording"
-        found.append((step.row, size, f"{text} {{}}: {what} before that are moved by as much"))
-    if found:
-        edges = [int(imu.log_ns[row - 1] + imu.log_ns[row]) // 2 for row, *_ in found]
-        log.recorder = log.recorder.and_also(edges, [size for _, size, _ in found])
+        found.append((right, text.format("{}", what, "{} are")))
+    for step, _ in found:
+        edge = int(imu.log_ns[step.row - 1] + imu.log_ns[step.row]) // 2
+        log.recorder = log.recorder.and_also(edge, step.size_ns, step.from_there)
     for step in stamp_steps(imu.stamp_ns, imu.log_ns):
-        _undo(log, imu, step.row, step.size_ns, 0)
-        found.append((step.row, step.size_ns, OWN.format(imu.topic)))
-    return tuple(
-        step_finding(text, size, imu.stamp_ns, row, imu.topic) for row, size, text in sorted(found)
-    )
+        _undo(log, imu, step, step.row, stamps=True, log_times=False)
+        found.append((step, OWN.format(imu.topic)))
+    found.sort(key=lambda one: one[0].row)
+    return tuple(step_finding(text, step, imu.stamp_ns, imu.topic) for step, text in found)
 
 
 def own_steps(stream: S, topic: str) -> tuple[S, list[Finding]]:
@@ -155,22 +154,22 @@ def own_steps(stream: S, topic: str) -> tuple[S, list[Finding]]:
         return stream, []
     time_ns = stream.time_ns.copy()
     for step in steps:
-        time_ns[: step.row] += step.size_ns
+        _move(time_ns, step, step.row)
     text = OWN.format(topic)
-    findings = [step_finding(text, one.size_ns, time_ns, one.row, topic) for one in steps]
+    findings = [step_finding(text, step, time_ns, topic) for step in steps]
     return replace(stream, time_ns=time_ns), findings
 
 
-def step_finding(text: str, size_ns: int, time_ns: IntArray, row: int, topic: str) -> Finding:
-    """A finding about a step; the text has a place for its size and its time."""
-    size = f"{'back' if size_ns < 0 else 'forward'} by {abs(size_ns) / SECOND:.6g} s"
-    at = (int(time_ns[row]) - int(time_ns[0])) / SECOND
+def step_finding(text: str, step: Step, time_ns: IntArray, topic: str) -> Finding:
+    """A finding about a step; the text has places for what it was, and for what was moved."""
+    size = f"{'back' if step.size_ns < 0 else 'forward'} by {abs(step.size_ns) / SECOND:.6g} s"
+    at = (int(time_ns[step.row]) - int(time_ns[0])) / SECOND
     return Finding(
         KIND,
-        text.format(f"{size} at {at:.1f} s"),
+        text.format(f"{size} at {at:.1f} s", "from there on" if step.from_there else "before"),
         topic=topic,
-        start_ns=int(time_ns[row]),
-        numbers={"step_s": size_ns / SECOND},
+        start_ns=int(time_ns[step.row]),
+        numbers={"step_s": step.size_ns / SECOND},
     )
 
 
@@ -191,13 +190,14 @@ def _read(log: Log, topic: ImuTopic) -> dict[str, _Times]:
         for number in np.unique(batch.channel).tolist():
             rows = np.flatnonzero(batch.channel == number)
             one, decoder = batch.rows(rows), decoders[number]
-            moves = log.undone.get(number, NOTHING).moves(met[number], len(rows))
-            log_ns = one.log_time + moves[1]
+            clocks = log.clocks.get(number, NO_STEPS)
+            numbers = met[number] + np.arange(len(rows))
+            log_ns = one.log_time + clocks.log.moves(numbers)
             stamp_ns, valid = log_ns, np.ones(len(rows), np.bool_)
             if decoder is not None:
                 decoded = decoder.decode(one.buffer, one.offset, one.length)
-                stamp_ns, valid = stamp(decoded.values) + moves[0], decoded.valid
-            numbers = met[number] + np.arange(len(rows))
+                stamp_ns = stamp(decoded.values) + clocks.stamp.moves(numbers)
+                valid = decoded.valid
             columns = (stamp_ns, log_ns, count + rows, np.full(len(rows), number), numbers)
             mine = parts.setdefault(log.channels[number].topic, [])
             mine.append(tuple(column[valid] for column in columns))
@@ -241,37 +241,64 @@ def _is(level: Level, rise: float, size: float) -> bool:
 
 def _undone_with(
     log: Log, step: Step, imu: _Times, others: Sequence[_Times]
-) -> tuple[int, list[str]]:
-    """Undo a step of the recorder's clock; its size, and topics whose stamps stepped with it."""
-    place = int(imu.place[step.row])
-    size = step.size_ns
+) -> tuple[Step, list[str]]:
+    """Undo a step of the recorder's clock; as it is then known, and topics that stepped with it."""
+    place, size = int(imu.place[step.row]), step.size_ns
     level, even = delay_level(imu.stamp_ns, imu.log_ns, step.row), even_level(imu.log_ns, step.row)
-    follows = {imu.topic: level is not None and abs(level.rise) < abs(level.rise - size)}
-    if level is not None and even is not None:
-        # Stamps are steadier than times of recording
-        if follows[imu.topic]:
-            size = whole_size(imu.stamp_ns, step.row, float(size), even.noise)
-        else:
-            size = round(level.rise)
+    assert level is not None and even is not None  # as of all steps
+    stepped = {imu.topic: _steps_with(level, size)}
+    # Stamps are steadier than times of recording
+    if stepped[imu.topic]:
+        size = whole_size(imu.stamp_ns, step.row, float(size), even.noise)
+    else:
+        size = round(level.rise)
+    levels = {imu.topic: level}
     for one in others:
         at = one.row(place)
         late = delay_level(one.stamp_ns, one.log_ns, at) if 0 < at < len(one.place) else None
         if late is not None:
-            follows[one.topic] = abs(late.rise) < abs(late.rise - size)
-        elif level is not None and len(one.place):
+            levels[one.topic] = late
+            stepped[one.topic] = _steps_with(late, size)
+        else:
             # Too few to tell: as the Imu, if it has the same clock
             apart = float(median(one.log_ns - one.stamp_ns)) - level.before
-            follows[one.topic] = follows[imu.topic] and abs(apart) < SAME_CLOCK_NS
+            stepped[one.topic] = stepped[imu.topic] and abs(apart) < SAME_CLOCK_NS
+    # What has another clock says when the recorder's was right; else it was set to be
+    alone = [late for topic, late in levels.items() if not stepped[topic]]
+    before = sum(abs(late.before) for late in alone)
+    behind = sum(abs(late.before + late.rise) for late in alone)
+    right = Step(step.row, size, before < behind)
     for one in (imu, *others):
-        _undo(log, one, one.row(place), size if follows.get(one.topic) else 0, size)
-    return size, [name for name, stepped in follows.items() if stepped]
+        _undo(log, one, right, one.row(place), stamps=stepped[one.topic], log_times=True)
+    return right, [topic for topic, with_it in stepped.items() if with_it]
 
 
-def _undo(log: Log, times: _Times, row: int, stamp_ns: int, log_ns: int) -> None:
-    """Move times before a row, here and where the log is read."""
-    times.stamp_ns[:row] += stamp_ns
-    times.log_ns[:row] += log_ns
+def _steps_with(level: Level, size: float) -> bool:
+    """Whether stamps step with times of recording, by what these are later than they are."""
+    return abs(level.rise) < abs(level.rise - size)
+
+
+def _undo(log: Log, times: _Times, step: Step, row: int, *, stamps: bool, log_times: bool) -> None:
+    """Undo a step at a row, here and where the log is read."""
+    if stamps:
+        _move(times.stamp_ns, step, row)
+    if log_times:
+        _move(times.log_ns, step, row)
     for channel in np.unique(times.channel).tolist():
         before = times.number[:row][times.channel[:row] == channel]
         first = int(before[-1]) + 1 if len(before) else 0
-        log.undone[channel] = log.undone.get(channel, NOTHING).and_also(first, stamp_ns, log_ns)
+        clocks = log.clocks.get(channel, NO_STEPS)
+        if stamps:
+            undone = clocks.stamp.and_also(first, step.size_ns, step.from_there)
+            clocks = replace(clocks, stamp=undone)
+        if log_times:
+            undone = clocks.log.and_also(first, step.size_ns, step.from_there)
+            clocks = replace(clocks, log=undone)
+        log.clocks[channel] = clocks
+
+
+def _move(time_ns: IntArray, step: Step, row: int) -> None:
+    if step.from_there:
+        time_ns[row:] -= step.size_ns
+    else:
+        time_ns[:row] += step.size_ns

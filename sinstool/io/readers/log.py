@@ -26,7 +26,7 @@ from sinstool.io.messages.definitions import (
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.lost import LogLosses, Lost, LostParts
 from sinstool.io.readers.side_channels import SideChannelCache
-from sinstool.io.readers.undone import Recorder, Undone
+from sinstool.io.readers.undone import NOTHING, ChannelClocks, Undone
 
 
 @dataclass(frozen=True)
@@ -118,11 +118,11 @@ class Log(ABC):
         Messages by channel as the log itself declares them, where it does; not checked.
     recovered : dict of int to int
         Messages by channel that the last whole pass gave; counted when `salvage` is on.
-    undone : dict of int to Undone
+    clocks : dict of int to ChannelClocks
         Steps of clocks by channel, which columns of messages are read without; raw messages are as
         they were recorded.
-    recorder : Recorder
-        Those of them that are of the clock of log times.
+    recorder : Undone
+        Those of the recorder's clock by log times, as they are read, in place of numbers.
     """
 
     format: str
@@ -135,8 +135,8 @@ class Log(ABC):
         self.parts: list[Log] = []
         self.counts: dict[int, int] = {}
         self.recovered: dict[int, int] = {}
-        self.undone: dict[int, Undone] = {}
-        self.recorder = Recorder()
+        self.clocks: dict[int, ChannelClocks] = {}
+        self.recorder: Undone = NOTHING
         # Channels by topic, and of which channels it was made
         self._by_topic: dict[str, list[Channel]] = {}
         self._topics_of = (0, 0)

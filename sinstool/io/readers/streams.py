@@ -146,10 +146,11 @@ def read_columns(
             one = batch if len(decoders) == 1 else batch.select([number])
             decode = partial(decoders[number].decode, one.buffer, one.offset, one.length)
             decoded = checked(number, decode)
-            log_time_ns, undone = one.log_time, log.undone.get(number)
-            if undone is not None:
-                decoded.values[MOVED], moved_ns = undone.moves(met[number], len(one))
-                log_time_ns = log_time_ns + moved_ns
+            log_time_ns, clocks = one.log_time, log.clocks.get(number)
+            if clocks is not None:
+                rows = np.arange(met[number], met[number] + len(one))
+                decoded.values[MOVED] = clocks.stamp.moves(rows)
+                log_time_ns = log_time_ns + clocks.log.moves(rows)
                 met[number] += len(one)
             for name, paths in columns.items():
                 width = decoded.values[name].size // len(one)

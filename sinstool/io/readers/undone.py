@@ -7,7 +7,6 @@ next that is the same, whatever the times say.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,62 +18,54 @@ NONE = np.zeros(0, np.int64)
 
 @dataclass(frozen=True)
 class Undone:
-    """Steps of the clocks of one channel: times before each are moved to the clock behind it.
+    """Steps of one clock, by the messages of a channel.
 
     Attributes
     ----------
     row : ndarray, shape (k,)
         Number of the first message behind each step, in the order of the file.
-    stamp_ns, log_ns : ndarray, shape (k,)
-        By how much header stamps and log times before it are moved.
+    size_ns : ndarray, shape (k,)
+        By how much the clock was set forward.
+    whole_ns : int
+        By how much all times are moved besides: times before each step are moved by its size.
     """
 
     row: IntArray = field(default_factory=lambda: NONE)
-    stamp_ns: IntArray = field(default_factory=lambda: NONE)
-    log_ns: IntArray = field(default_factory=lambda: NONE)
+    size_ns: IntArray = field(default_factory=lambda: NONE)
+    whole_ns: int = 0
 
-    def and_also(self, row: int, stamp_ns: int, log_ns: int) -> Undone:
-        """With one more step."""
+    def and_also(self, row: int, size_ns: int, from_there: bool) -> Undone:
+        """With one more step; times from there on are moved, or those before."""
         at = int(np.searchsorted(self.row, row))
         return Undone(
             np.insert(self.row, at, row),
-            np.insert(self.stamp_ns, at, stamp_ns),
-            np.insert(self.log_ns, at, log_ns),
+            np.insert(self.size_ns, at, size_ns),
+            self.whole_ns - (size_ns if from_there else 0),
         )
 
-    def moves(self, first: int, count: int) -> tuple[IntArray, IntArray]:
-        """By how much stamps and log times of so many messages from one on are moved."""
-        behind = np.searchsorted(self.row, np.arange(first, first + count), side="right")
-        return _sums(self.stamp_ns)[behind], _sums(self.log_ns)[behind]
+    def moves(self, row: IntArray) -> IntArray:
+        """By how much the times of messages are moved, by their numbers."""
+        behind = np.searchsorted(self.row, row, side="right")
+        return np.append(np.cumsum(self.size_ns[::-1])[::-1], 0)[behind] + self.whole_ns
+
+
+NOTHING = Undone()
 
 
 @dataclass(frozen=True)
-class Recorder:
-    """Steps of the recorder's clock, in the order of time.
+class ChannelClocks:
+    """Steps of the clocks that stamp and that record the messages of a channel."""
 
-    Attributes
+    stamp: Undone = NOTHING
+    log: Undone = NOTHING
+
+
+def recorded(log: Undone, log_time_ns: IntArray) -> IntArray:
+    """Log times as they are in the file, of those as they are read.
+
+    Parameters
     ----------
-    until_ns : ndarray, shape (k,)
-        Log times, as they are read, before which each lies.
-    size_ns : ndarray, shape (k,)
-        By how much times before it are moved.
+    log : Undone
+        With log times, as they are read, in place of numbers of messages.
     """
-
-    until_ns: IntArray = field(default_factory=lambda: NONE)
-    size_ns: IntArray = field(default_factory=lambda: NONE)
-
-    def and_also(self, until_ns: Sequence[int], size_ns: Sequence[int]) -> Recorder:
-        """With more steps."""
-        until = np.append(self.until_ns, until_ns)
-        order = np.argsort(until, kind="stable")
-        return Recorder(until[order], np.append(self.size_ns, size_ns)[order])
-
-    def recorded(self, log_time_ns: IntArray) -> IntArray:
-        """Log times as they are in the file, of those as they are read."""
-        behind = np.searchsorted(self.until_ns, log_time_ns, side="right")
-        return np.asarray(log_time_ns - _sums(self.size_ns)[behind])
-
-
-def _sums(sizes: IntArray) -> IntArray:
-    """Of each and all behind it, and 0 behind the last."""
-    return np.append(np.cumsum(sizes[::-1])[::-1], 0)
+    return np.asarray(log_time_ns - log.moves(log_time_ns))

@@ -18,6 +18,7 @@ from sinstool.core.streams import Diagnostics, Solution, Stream
 from sinstool.core.threads import executor
 from sinstool.core.whole_file import WholeFile, check_mcap_name, check_output
 from sinstool.io.readers.log import Log
+from sinstool.io.readers.undone import NOTHING, recorded
 from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import SolutionWriter
@@ -196,10 +197,10 @@ class Output:
 
     def _recorded(self, stream: S) -> S:
         """A stream whose log times are as in the log, also where its recorder's clock was set."""
-        recorder = self.log.recorder
-        if not len(recorder.until_ns):
+        steps = self.log.recorder
+        if steps is NOTHING:
             return stream
-        return replace(stream, log_time_ns=recorder.recorded(stream.log_time_ns))
+        return replace(stream, log_time_ns=recorded(steps, stream.log_time_ns))
 
     def complete(self) -> None:
         """Write the remaining solutions and the rest of the input."""
