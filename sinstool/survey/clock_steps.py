@@ -123,7 +123,7 @@ def stamp_steps(time_ns: IntArray, log_ns: IntArray) -> list[Step]:
         step = _stamp_step(time_ns, log_ns, row)
         if step is not None:
             found.append(step)
-            time_ns[:row] += step.size_ns
+            move(time_ns, step, row)
     return found if len(found) <= MOST_STEPS else []
 
 
@@ -143,7 +143,7 @@ def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> Step | None:
     else:
         # A queue that lost what it held makes stamps leap too, but they were recorded late before
         soon = not rise - LEAST_NS <= level.before <= rise + SLOWEST_NS
-        stepped = (soon or _off_grid(time_ns, row, rise)) and recorded > 0.5 * interval
+        stepped = (soon or _off_grid(time_ns, row)) and recorded > 0.5 * interval
         between = (time_ns > time_ns[row - 1] + interval / 2) & (time_ns < time_ns[row] - interval)
         stepped &= not between[row:].any()
     if not stepped:
@@ -151,12 +151,13 @@ def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> Step | None:
     return Step(row, whole_size(time_ns, row, rise, level.noise), level.better_before)
 
 
-def _off_grid(time_ns: IntArray, row: int, rise: float) -> bool:
-    """Whether stamps are on a grid, and a leap is no multiple of their interval."""
+def _off_grid(time_ns: IntArray, row: int) -> bool:
+    """Whether stamps of a slow sensor are on a grid, but those before and behind on others."""
     level = even_level(time_ns, row)
-    if level is None:
+    if level is None or level.interval < LEAST_NS:
         return False
-    off = abs(rise - level.interval * round(rise / level.interval))
+    leap = float(time_ns[row] - time_ns[row - 1])
+    off = abs(leap - level.interval * round(leap / level.interval))
     return off > SURE * level.noise and off > 0.1 * level.interval
 
 
@@ -218,7 +219,8 @@ def _again(time_ns: IntArray, row: int, level: Level) -> bool:
     """Whether times that ran back count the same time twice, or go where there was none."""
     size = abs(level.rise)
     begin, later, earlier = int(time_ns[row]), time_ns[row:], time_ns[:row]
-    returns = np.flatnonzero(np.diff(later) - level.interval > 0.5 * size)
+    # Late messages end where those go on that came before them
+    returns = np.flatnonzero(np.diff(later) > LEAST_NS + GAP_INTERVALS * level.interval)
     same = later[: returns[0] + 1] if len(returns) else later
     first, last = int(earlier.min()), int(same.max())
     if last < first:
@@ -236,6 +238,14 @@ def _repeated(log_ns: IntArray, row: int) -> bool:
     begin, end = row, min(row + MANY, len(log_ns))
     same = np.count_nonzero(np.isin(log_ns[begin:end], log_ns[:row]))
     return bool(same > TWICE * (end - begin))
+
+
+def move(time_ns: IntArray, step: Step, row: int) -> None:
+    """Undo a step at a row, on the side where the clock was wrong."""
+    if step.from_there:
+        time_ns[row:] -= step.size_ns
+    else:
+        time_ns[:row] += step.size_ns
 
 
 def leaps(time_ns: IntArray) -> IntArray:

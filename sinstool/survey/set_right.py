@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from sinstool.core.arrays import IntArray
-from sinstool.core.finding import Finding
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import Stream
 from sinstool.core.timeline import SECOND
@@ -43,6 +43,7 @@ from sinstool.survey.clock_steps import (
     delay_level,
     even_level,
     leaps,
+    move,
     recorder_steps,
     stamp_steps,
     whole_size,
@@ -62,7 +63,6 @@ KIND = "clock-step"
 # Delays of two topics that are no more apart are by one clock.
 SAME_CLOCK_NS = SECOND
 NO_STEPS = ChannelClocks()
-OWN = "the clock that stamps {} was set {{}}: stamps {{}} are moved by as much"
 S = TypeVar("S", bound=Stream)
 
 
@@ -124,21 +124,26 @@ def set_right(log: Log, topic: ImuTopic) -> tuple[Finding, ...]:
     if imu is None:
         return ()
     others = tuple(topics.values())
-    found = []
+    found: list[tuple[Step, str, str, Severity]] = []
     steps = (*recorder_steps(imu.log_ns), *_forward(imu, others))
     for step in sorted(steps, key=lambda one: one.row):
-        text = "the clock of the recording computer was set {}: {} {} moved by as much"
         right, moved = _undone_with(log, step, imu, others)
-        what = f"the stamps of {', '.join(moved)}" if moved else "no stamps, but times of recording"
-        found.append((right, text.format("{}", what, "{} are")))
-    for step, _ in found:
+        what = (
+            f"the stamps of {', '.join(moved)}" if moved else "times of recording, but no stamps,"
+        )
+        severity = Severity.WARNING if moved else Severity.NOTE
+        found.append((right, "the clock of the recording computer", what, severity))
+    for step, *_ in found:
         edge = int(imu.log_ns[step.row - 1] + imu.log_ns[step.row]) // 2
         log.recorder = log.recorder.and_also(edge, step.size_ns, step.from_there)
     for step in stamp_steps(imu.stamp_ns, imu.log_ns):
         _undo(log, imu, step, step.row, stamps=True, log_times=False)
-        found.append((step, OWN.format(imu.topic)))
+        found.append((step, f"the clock that stamps {imu.topic}", "stamps", Severity.WARNING))
     found.sort(key=lambda one: one[0].row)
-    return tuple(step_finding(text, step, imu.stamp_ns, imu.topic) for step, text in found)
+    return tuple(
+        _finding(step, imu.stamp_ns, imu.topic, whose, what, severity)
+        for step, whose, what, severity in found
+    )
 
 
 def own_steps(stream: S, topic: str) -> tuple[S, list[Finding]]:
@@ -154,19 +159,28 @@ def own_steps(stream: S, topic: str) -> tuple[S, list[Finding]]:
         return stream, []
     time_ns = stream.time_ns.copy()
     for step in steps:
-        _move(time_ns, step, step.row)
-    text = OWN.format(topic)
-    findings = [step_finding(text, step, time_ns, topic) for step in steps]
+        move(time_ns, step, step.row)
+    whose = f"the clock that stamps {topic}"
+    findings = [_finding(step, time_ns, topic, whose) for step in steps]
     return replace(stream, time_ns=time_ns), findings
 
 
-def step_finding(text: str, step: Step, time_ns: IntArray, topic: str) -> Finding:
-    """A finding about a step; the text has places for what it was, and for what was moved."""
-    size = f"{'back' if step.size_ns < 0 else 'forward'} by {abs(step.size_ns) / SECOND:.6g} s"
+def _finding(
+    step: Step,
+    time_ns: IntArray,
+    topic: str,
+    whose: str,
+    what: str = "stamps",
+    severity: Severity = Severity.WARNING,
+) -> Finding:
+    """A finding about a step of a clock, by times without it, and what of it was moved."""
+    how = f"{'back' if step.size_ns < 0 else 'forward'} by {abs(step.size_ns) / SECOND:.6g} s"
     at = (int(time_ns[step.row]) - int(time_ns[0])) / SECOND
+    side = "from there on" if step.from_there else "before that"
     return Finding(
         KIND,
-        text.format(f"{size} at {at:.1f} s", "from there on" if step.from_there else "before"),
+        f"{whose} was set {how} at {at:.1f} s: {what} {side} are moved by as much",
+        severity,
         topic=topic,
         start_ns=int(time_ns[step.row]),
         numbers={"step_s": step.size_ns / SECOND},
@@ -281,9 +295,9 @@ def _steps_with(level: Level, size: float) -> bool:
 def _undo(log: Log, times: _Times, step: Step, row: int, *, stamps: bool, log_times: bool) -> None:
     """Undo a step at a row, here and where the log is read."""
     if stamps:
-        _move(times.stamp_ns, step, row)
+        move(times.stamp_ns, step, row)
     if log_times:
-        _move(times.log_ns, step, row)
+        move(times.log_ns, step, row)
     for channel in np.unique(times.channel).tolist():
         before = times.number[:row][times.channel[:row] == channel]
         first = int(before[-1]) + 1 if len(before) else 0
@@ -295,10 +309,3 @@ def _undo(log: Log, times: _Times, step: Step, row: int, *, stamps: bool, log_ti
             undone = clocks.log.and_also(first, step.size_ns, step.from_there)
             clocks = replace(clocks, log=undone)
         log.clocks[channel] = clocks
-
-
-def _move(time_ns: IntArray, step: Step, row: int) -> None:
-    if step.from_there:
-        time_ns[row:] -= step.size_ns
-    else:
-        time_ns[:row] += step.size_ns
