@@ -17,8 +17,9 @@ import numpy as np
 from sinstool.core.arrays import IntArray
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.order_statistics import median
-from sinstool.core.streams import Stream
+from sinstool.core.streams import Stream, concatenate
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.io.messages.decode import Decoder
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import (
@@ -30,13 +31,14 @@ from sinstool.io.readers.message_types import (
     PRESSURE_TYPE,
     VELOCITY_TYPES,
 )
-from sinstool.io.readers.streams import header, stamp
+from sinstool.io.readers.streams import Losses, header, read_fixes, stamp
 from sinstool.io.readers.topics import OWN_PREFIXES, ImuTopic
 from sinstool.io.readers.truth import PATHS
-from sinstool.io.readers.undone import ChannelClocks
+from sinstool.io.readers.undone import ChannelClocks, Undone
 from sinstool.survey.clock_steps import (
     ALIKE,
     LEAST_NS,
+    MANY,
     SURE,
     Level,
     Step,
@@ -63,6 +65,10 @@ KIND = "clock-step"
 # Delays of two topics that are no more apart are by one clock.
 SAME_CLOCK_NS = SECOND
 NO_STEPS = ChannelClocks()
+# Fixes on each side whose velocity is compared, of so many, and the Earth's radius, m.
+BESIDE, ROUND, EARTH_M = 4, 6, 6.37e6
+# What a vehicle may accelerate by meanwhile without showing it before or after, m/s^2.
+CHANGING = 0.5 * STANDARD_GRAVITY
 S = TypeVar("S", bound=Stream)
 
 
@@ -125,7 +131,7 @@ def set_right(log: Log, topic: ImuTopic) -> tuple[Finding, ...]:
         return ()
     others = tuple(topics.values())
     found: list[tuple[Step, str, str, Severity]] = []
-    steps = (*recorder_steps(imu.log_ns), *_forward(imu, others))
+    steps = (*recorder_steps(imu.log_ns), *_forward(log, imu, others))
     for step in sorted(steps, key=lambda one: one.row):
         right, moved = _undone_with(log, step, imu, others)
         what = (
@@ -137,7 +143,7 @@ def set_right(log: Log, topic: ImuTopic) -> tuple[Finding, ...]:
         edge = int(imu.log_ns[step.row - 1] + imu.log_ns[step.row]) // 2
         log.recorder = log.recorder.and_also(edge, step.size_ns, step.from_there)
     for step in stamp_steps(imu.stamp_ns, imu.log_ns):
-        _undo(log, imu, step, step.row, stamps=True, log_times=False)
+        _undo(log, imu, step, step.row, None)
         found.append((step, f"the clock that stamps {imu.topic}", "stamps", Severity.WARNING))
     found.sort(key=lambda one: one[0].row)
     return tuple(
@@ -223,29 +229,73 @@ def _read(log: Log, topic: ImuTopic) -> dict[str, _Times]:
     }
 
 
-def _forward(imu: _Times, others: Sequence[_Times]) -> Iterator[Step]:
+def _forward(log: Log, imu: _Times, others: Sequence[_Times]) -> Iterator[Step]:
     """Leaps of the recorder's clock that some stamps took part in, and others did not.
 
-    Where all of them did the recorder may as well have stood still.
+    Where all of them did the recorder may as well have stood still; then fixes tell whether the
+    vehicle went on meanwhile.
     """
     for row in leaps(imu.log_ns).tolist():
         leap, delay = even_level(imu.log_ns, row), delay_level(imu.stamp_ns, imu.log_ns, row)
         if leap is None or delay is None or leap.rise < LEAST_NS or not leap.sure:
             continue
-        size = leap.rise
+        size, place = leap.rise, int(imu.place[row])
         together = _is(delay, 0.0, size)
         if not together and not _is(delay, size, size):
             continue
-        for other in others:
-            at = other.row(int(imu.place[row]))
-            if at in (0, len(other.place)):
-                continue
-            late = delay_level(other.stamp_ns, other.log_ns, at)
-            even = even_level(other.stamp_ns, at)
-            expected = (size, 0.0) if together else (0.0, size)
-            if late and even and _is(late, expected[0], size) and _is(even, expected[1], size):
-                yield Step(row, round(size))
-                break
+        expected = (size, 0.0) if together else (0.0, size)
+        apart = any(_parted(other, other.row(place), expected, size) for other in others)
+        if apart or (together and _stood_still(log, others, place, size)):
+            yield Step(row, round(size))
+
+
+def _parted(other: _Times, row: int, expected: tuple[float, float], size: float) -> bool:
+    """Whether delays of a topic, and its stamps, rise by so much each before a row."""
+    late = delay_level(other.stamp_ns, other.log_ns, row)
+    even = even_level(other.stamp_ns, row)
+    if late is None or even is None:
+        return False
+    return _is(late, expected[0], size) and _is(even, expected[1], size)
+
+
+def _stood_still(log: Log, others: Sequence[_Times], place: int, size: float) -> bool:
+    """Whether the fixes before a place and behind are nearer to each other than a vehicle goes.
+
+    Between its velocities before and after a vehicle is off their mean by its change of mind, as
+    of half a g there and back. It must be off by more with the leap, and by less without it.
+    """
+    for other in others:
+        channels = tuple(log.channels_of(other.topic))
+        if channels[0].type not in FIX_TYPES:
+            continue
+        row, count = other.row(place), 0
+        rows = []
+        for block in read_fixes(log, channels, Losses()):
+            # Of those that fit their definition, as the times are
+            near = slice(max(row - ROUND - count, 0), max(row + ROUND - count, 0))
+            rows.append(block.rows(near))
+            count += len(block)
+        fixes = concatenate(rows) if rows else None
+        if fixes is None or len(fixes) < 2 * ROUND:
+            continue
+        # A fix may have been on its way when the clock was set
+        first = int(np.argmax(np.diff(fixes.time_ns[ROUND - 1 : ROUND + 2]))) + ROUND
+        fixes = fixes.rows(slice(first - BESIDE, first + BESIDE))
+        if not fixes.has_fix.all():
+            continue
+        seconds = (fixes.time_ns - fixes.time_ns[0]) / SECOND
+        north = EARTH_M * fixes.latitude
+        way = north + 1j * EARTH_M * fixes.longitude * np.cos(fixes.latitude[0])
+        before, behind = slice(0, BESIDE), slice(BESIDE, None)
+        speed = 0.5 * sum(np.polyfit(seconds[one], way[one], 1)[0] for one in (before, behind))
+        gone, took = way[BESIDE] - way[BESIDE - 1], seconds[BESIDE] - seconds[BESIDE - 1]
+        noise = SURE * float(np.sqrt(np.abs(fixes.covariance_n[:, :2, :2]).max()))
+        stamped, without = (
+            abs(gone - speed * t) - noise - 0.25 * CHANGING * t**2
+            for t in (took, took - size / SECOND)
+        )
+        return bool(without < 0.0 < stamped)
+    return False
 
 
 def _is(level: Level, rise: float, size: float) -> bool:
@@ -283,7 +333,11 @@ def _undone_with(
     behind = sum(abs(late.before + late.rise) for late in alone)
     right = Step(step.row, size, before < behind)
     for one in (imu, *others):
-        _undo(log, one, right, one.row(place), stamps=stepped[one.topic], log_times=True)
+        row = one.row(place)
+        stamped = None
+        if stepped[one.topic]:
+            stamped = _first_stamped(one, row, levels.get(one.topic), size)
+        _undo(log, one, right, stamped, row)
     return right, [topic for topic, with_it in stepped.items() if with_it]
 
 
@@ -292,20 +346,32 @@ def _steps_with(level: Level, size: float) -> bool:
     return abs(level.rise) < abs(level.rise - size)
 
 
-def _undo(log: Log, times: _Times, step: Step, row: int, *, stamps: bool, log_times: bool) -> None:
-    """Undo a step at a row, here and where the log is read."""
-    if stamps:
-        move(times.stamp_ns, step, row)
-    if log_times:
-        move(times.log_ns, step, row)
+def _first_stamped(one: _Times, row: int, level: Level | None, size: int) -> int:
+    """The first message behind a step of the recorder's clock that was stamped behind it, too.
+
+    Others were on their way: it was set between their stamps and their recording.
+    """
+    if level is not None:
+        late = one.log_ns[row : row + MANY] - one.stamp_ns[row : row + MANY] - level.before
+        row += int(np.argmin(np.abs(late - size) < np.abs(late)))
+    return row
+
+
+def _undo(log: Log, times: _Times, step: Step, stamped: int | None, logged: int | None) -> None:
+    """Undo a step at the rows of stamps and of log times, here and where the log is read."""
+    for time_ns, row in ((times.stamp_ns, stamped), (times.log_ns, logged)):
+        if row is not None:
+            move(time_ns, step, row)
     for channel in np.unique(times.channel).tolist():
-        before = times.number[:row][times.channel[:row] == channel]
-        first = int(before[-1]) + 1 if len(before) else 0
+
+        def undone(so_far: Undone, row: int | None, number: int = channel) -> Undone:
+            if row is None:
+                return so_far
+            before = times.number[:row][times.channel[:row] == number]
+            first = int(before[-1]) + 1 if len(before) else 0
+            return so_far.and_also(first, step.size_ns, step.from_there)
+
         clocks = log.clocks.get(channel, NO_STEPS)
-        if stamps:
-            undone = clocks.stamp.and_also(first, step.size_ns, step.from_there)
-            clocks = replace(clocks, stamp=undone)
-        if log_times:
-            undone = clocks.log.and_also(first, step.size_ns, step.from_there)
-            clocks = replace(clocks, log=undone)
-        log.clocks[channel] = clocks
+        log.clocks[channel] = ChannelClocks(
+            undone(clocks.stamp, stamped), undone(clocks.log, logged)
+        )
