@@ -15,9 +15,10 @@ from typing import TypeVar
 import numpy as np
 
 from sinstool.core.arrays import IntArray
+from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.order_statistics import median
-from sinstool.core.streams import Stream, concatenate
+from sinstool.core.streams import Gnss, Stream, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.io.messages.decode import Decoder
@@ -65,8 +66,9 @@ KIND = "clock-step"
 # Delays of two topics that are no more apart are by one clock.
 SAME_CLOCK_NS = SECOND
 NO_STEPS = ChannelClocks()
-# Fixes on each side whose velocity is compared, of so many, and the Earth's radius, m.
-BESIDE, ROUND, EARTH_M = 4, 6, 6.37e6
+# Fixes whose velocity is compared, before and behind: those of so many seconds, or so many. And the
+# Earth's radius, m.
+BESIDE_S, LEAST_BESIDE, EARTH_M = 1.5, 3, 6.37e6
 # What a vehicle may accelerate by meanwhile without showing it before or after, m/s^2.
 CHANGING = 0.5 * STANDARD_GRAVITY
 S = TypeVar("S", bound=Stream)
@@ -201,7 +203,10 @@ def _read(log: Log, topic: ImuTopic) -> dict[str, _Times]:
             prefixes.setdefault(number, "")
     decoders: dict[int, Decoder | None] = {}
     for number, prefix in prefixes.items():
-        definition = log.channels[number].definition(log.path)
+        try:
+            definition = log.channels[number].definition(log.path)
+        except UnsupportedLogError:
+            continue  # whoever needs it says so
         stamped = definition.has(f"{prefix}header.stamp.sec")
         decoders[number] = Decoder(definition, header(prefix)) if stamped else None
     parts: dict[str, list[tuple[IntArray, ...]]] = {}
@@ -272,30 +277,39 @@ def _stood_still(log: Log, others: Sequence[_Times], place: int, size: float) ->
         rows = []
         for block in read_fixes(log, channels, Losses()):
             # Of those that fit their definition, as the times are
-            near = slice(max(row - ROUND - count, 0), max(row + ROUND - count, 0))
+            near = slice(max(row - MANY - count, 0), max(row + MANY - count, 0))
             rows.append(block.rows(near))
             count += len(block)
-        fixes = concatenate(rows) if rows else None
-        if fixes is None or len(fixes) < 2 * ROUND:
-            continue
+        if row == 0 or row >= count - 1:
+            return False
+        fixes = concatenate(rows)
+        here = min(row, MANY)
         # A fix may have been on its way when the clock was set
-        first = int(np.argmax(np.diff(fixes.time_ns[ROUND - 1 : ROUND + 2]))) + ROUND
-        fixes = fixes.rows(slice(first - BESIDE, first + BESIDE))
-        if not fixes.has_fix.all():
-            continue
-        seconds = (fixes.time_ns - fixes.time_ns[0]) / SECOND
-        north = EARTH_M * fixes.latitude
-        way = north + 1j * EARTH_M * fixes.longitude * np.cos(fixes.latitude[0])
-        before, behind = slice(0, BESIDE), slice(BESIDE, None)
-        speed = 0.5 * sum(np.polyfit(seconds[one], way[one], 1)[0] for one in (before, behind))
-        gone, took = way[BESIDE] - way[BESIDE - 1], seconds[BESIDE] - seconds[BESIDE - 1]
-        noise = SURE * float(np.sqrt(np.abs(fixes.covariance_n[:, :2, :2]).max()))
-        stamped, without = (
-            abs(gone - speed * t) - noise - 0.25 * CHANGING * t**2
-            for t in (took, took - size / SECOND)
-        )
-        return bool(without < 0.0 < stamped)
+        here += int(np.argmax(np.diff(fixes.time_ns[here - 1 : here + 2])))
+        return _too_near(fixes, here, size / SECOND)
     return False
+
+
+def _too_near(fixes: Gnss, row: int, leap_s: float) -> bool:
+    seconds = (fixes.time_ns - fixes.time_ns[row]) / SECOND
+    way = EARTH_M * (fixes.latitude + 1j * fixes.longitude * np.cos(fixes.latitude[row]))
+    took, gone = -float(seconds[row - 1]), way[row] - way[row - 1]
+    first = min(int(np.searchsorted(seconds, -took - BESIDE_S)), row - LEAST_BESIDE)
+    end = max(int(np.searchsorted(seconds, BESIDE_S, "right")), row + LEAST_BESIDE)
+    if first < 0 or end > len(way) or not fixes.has_fix[first:end].all():
+        return False
+    speed, variance, sigma = 0.0, 0.0, fixes.covariance_n[first:end, :2, :2].max() ** 0.5
+    for side in (slice(first, row), slice(row, end)):
+        fit, off = np.polyfit(seconds[side], way[side], 1, full=True)[:2]
+        sigma = max(sigma, float(np.sqrt(np.abs(off).sum() / (len(way[side]) - 2))))
+        speed += 0.5 * fit[0]
+        variance += 0.25 / float(np.sum((seconds[side] - seconds[side].mean()) ** 2))
+
+    def beyond(time_s: float) -> float:
+        noise = SURE * sigma * (2.0 + variance * time_s**2) ** 0.5
+        return float(abs(gone - speed * time_s) - noise - 0.25 * CHANGING * time_s**2)
+
+    return beyond(took - leap_s) < 0.0 < beyond(took)
 
 
 def _is(level: Level, rise: float, size: float) -> bool:

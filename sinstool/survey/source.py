@@ -42,6 +42,8 @@ from sinstool.survey.samples import SampleCache, samples_again
 from sinstool.survey.set_right import may_have_stepped, set_right
 from sinstool.survey.wheels import WheelSpeeds, read_wheels
 
+# Samples that are too many to keep are read again for leaps of their times of so many s only.
+READ_AGAIN_S = 0.25
 # Stamps that vary by more of an interval may be of receipt.
 JITTER = 0.2
 # Or samples are so many times further apart in the mean than most of them.
@@ -287,8 +289,8 @@ def _may_have_stepped(found: Survey, samples: SampleCache) -> bool:
         return may_have_stepped(*map(np.concatenate, columns))
     low, high = found.clock_offset_s
     longest_s = max((length for _, length in found.gaps), default=0.0)
-    back_s = max(found.order.lateness_ns / SECOND, longest_s)
-    return found.time_source == "log" or max(back_s, high - low) * SECOND > LEAST_NS
+    back = found.order.lateness_ns > LEAST_NS or found.time_source == "log"
+    return back or max(longest_s, high - low) > READ_AGAIN_S
 
 
 def _jitters(found: Survey, options: InputOptions) -> bool:
