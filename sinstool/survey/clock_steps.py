@@ -135,7 +135,9 @@ def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> Step | None:
     rise, interval = -level.rise, level.interval
     step = float(time_ns[row] - time_ns[row - 1])
     recorded = float(log_ns[row] - log_ns[row - 1])
-    if abs((step - recorded) - rise) > ALIKE * abs(rise):
+    # Either may be the steadier measure of what stamps leapt by just there
+    usual = interval * max(round(recorded / interval), 1) if interval > 0.0 else recorded
+    if min(abs(step - recorded - rise), abs(step - usual - rise)) > ALIKE * abs(rise):
         return None
     if rise < 0.0:
         # Stamps that are too close to each other; what is only recorded late is not
@@ -158,7 +160,7 @@ def _off_grid(time_ns: IntArray, row: int) -> bool:
         return False
     leap = float(time_ns[row] - time_ns[row - 1])
     off = abs(leap - level.interval * round(leap / level.interval))
-    return off > SURE * level.noise and off > 0.1 * level.interval
+    return off > max(2.0 * SURE * level.noise, LEAST_NS)
 
 
 def whole_size(time_ns: IntArray, row: int, rise: float, noise: float) -> int:

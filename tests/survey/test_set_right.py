@@ -8,6 +8,15 @@ from sinstool.core.timeline import sorted_stream
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
 from sinstool.survey.source import prepare
+from tests.helpers.imulogs import (
+    IMU,
+    even_times,
+    imu_messages,
+    resting,
+    serialised,
+    write_bag,
+)
+from tests.helpers.logs import Row, write_bag2
 from tests.helpers.stepped_clocks import TOGETHER, nanoseconds, write_stepped
 from tests.helpers.unseen_drives import GRADES, drive, record, without_fixes, without_samples
 
@@ -111,6 +120,27 @@ def test_back_and_forth(tmp_path, road):
     assert steps_of(source) == [("/imu", -2.0), ("/imu", -0.3), ("/imu", -7.0)]
     np.testing.assert_array_equal(imu.stream.time_ns, nanoseconds(road.seconds - 9.3))
     np.testing.assert_array_equal(fix_ns, nanoseconds(road.fixes.seconds - 9.3))
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_bags_keep_the_order_of_arrival(tmp_path, ros):
+    """An Imu alone, most of whose computer's clock is an hour ahead."""
+    right_ns = even_times(4000)
+    shown_ns = right_ns + np.where(np.arange(4000) < 1500, 3600 * 10**9, 0)
+    log_ns = shown_ns + np.random.default_rng(0).integers(200_000, 900_000, 4000)
+    rows = imu_messages(shown_ns, *resting(4000), log_ns, ros=ros)
+    if ros == 1:
+        path = write_bag(tmp_path / "log.bag", rows)
+    else:
+        content = [
+            Row("/imu", row.log_ns, row.log_ns, serialised(row.message, IMU, 2)) for row in rows
+        ]
+        path = write_bag2(tmp_path / "log", content, types={"/imu": IMU})
+    with open_log(path) as log:
+        source = prepare(log, ProcessConfig())
+        assert steps_of(source) == [("/imu", -3600.0)]
+        samples = read_imu(log, log.channels_of("/imu"), ImuUnits(), Losses())
+        np.testing.assert_array_equal(sorted_stream(samples).stream.time_ns, right_ns)
 
 
 def test_times_of_recording_that_nothing_depends_on_are_a_note(tmp_path, road):
