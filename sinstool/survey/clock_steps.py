@@ -253,7 +253,9 @@ def move(time_ns: IntArray, step: Step, row: int) -> None:
 def leaps(time_ns: IntArray) -> IntArray:
     """Rows behind intervals that are longer than usual, the longest of them, in order."""
     steps = np.diff(time_ns)
-    usual = float(median(steps)) if len(steps) else 0.0
-    rows = np.flatnonzero(steps > max(LEAST_NS + usual, GAP_INTERVALS * usual))
-    rows = rows[np.argsort(-steps[rows], kind="stable")[:MOST_STEPS]]
+    rows = np.flatnonzero(steps > LEAST_NS)
+    if len(rows):
+        usual = float(median(steps))
+        rows = rows[steps[rows] > max(LEAST_NS + usual, GAP_INTERVALS * usual)]
+        rows = rows[np.argsort(-steps[rows], kind="stable")[:MOST_STEPS]]
     return np.sort(rows) + 1
