@@ -29,6 +29,9 @@ SURE, ALIKE = 6.0, 0.3
 MOST_STEPS = 20
 # Least share of the time that is counted twice for which there are samples of before.
 TWICE = 0.5
+# No message is recorded before it is stamped, apart from small differences of two clocks: a delay
+# below zero is as unlikely as one that is so many times as long.
+EARLY = 10.0
 # Parts of a recording in the wrong order meet within this, ns; longer delays than this are none.
 MEET_NS, SLOWEST_NS = SECOND, 10 * SECOND
 
@@ -44,7 +47,7 @@ class Step:
     size_ns : int
         By how much it was set forward.
     from_there : bool
-        It was right before: there stamps are nearer to the times of recording.
+        It was right before: there delays of messages are the likelier ones.
     """
 
     row: int
@@ -77,9 +80,12 @@ class Level:
         return abs(self.rise) > LEAST_NS and abs(self.rise) > SURE * self.noise
 
     @property
-    def better_before(self) -> bool:
-        """Whether what lies before is nearer to zero."""
-        return abs(self.before) < abs(self.before + self.rise)
+    def unlikely(self) -> tuple[float, float]:
+        """How unlikely delays are before the row and behind: as long, or as far below zero."""
+        before, behind = (
+            max(delay, -EARLY * delay) for delay in (self.before, self.before + self.rise)
+        )
+        return before, behind
 
 
 def recorder_steps(log_ns: IntArray) -> list[Step]:
@@ -150,7 +156,8 @@ def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> Step | None:
         stepped &= not between[row:].any()
     if not stepped:
         return None
-    return Step(row, whole_size(time_ns, row, rise, level.noise), level.better_before)
+    before, behind = level.unlikely
+    return Step(row, whole_size(time_ns, row, rise, level.noise), before < behind)
 
 
 def _off_grid(time_ns: IntArray, row: int) -> bool:

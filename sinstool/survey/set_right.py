@@ -291,6 +291,7 @@ def _stood_still(log: Log, others: Sequence[_Times], place: int, size: float) ->
 
 
 def _too_near(fixes: Gnss, row: int, leap_s: float) -> bool:
+    """Whether two fixes are too near for the time between their stamps, and not without a leap."""
     seconds = (fixes.time_ns - fixes.time_ns[row]) / SECOND
     way = EARTH_M * (fixes.latitude + 1j * fixes.longitude * np.cos(fixes.latitude[row]))
     took, gone = -float(seconds[row - 1]), way[row] - way[row - 1]
@@ -298,7 +299,10 @@ def _too_near(fixes: Gnss, row: int, leap_s: float) -> bool:
     end = max(int(np.searchsorted(seconds, BESIDE_S, "right")), row + LEAST_BESIDE)
     if first < 0 or end > len(way) or not fixes.has_fix[first:end].all():
         return False
-    speed, variance, sigma = 0.0, 0.0, fixes.covariance_n[first:end, :2, :2].max() ** 0.5
+    if (np.diff(seconds[first:end]) <= 0.0).any():
+        return False
+    speed, variance = 0.0, 0.0
+    sigma = float(np.sqrt(np.abs(fixes.covariance_n[first:end, :2, :2]).max()))
     for side in (slice(first, row), slice(row, end)):
         fit, off = np.polyfit(seconds[side], way[side], 1, full=True)[:2]
         sigma = max(sigma, float(np.sqrt(np.abs(off).sum() / (len(way[side]) - 2))))
@@ -342,9 +346,8 @@ def _undone_with(
             apart = float(median(one.log_ns - one.stamp_ns)) - level.before
             stepped[one.topic] = stepped[imu.topic] and abs(apart) < SAME_CLOCK_NS
     # What has another clock says when the recorder's was right; else it was set to be
-    alone = [late for topic, late in levels.items() if not stepped[topic]]
-    before = sum(abs(late.before) for late in alone)
-    behind = sum(abs(late.before + late.rise) for late in alone)
+    alone = [late.unlikely for topic, late in levels.items() if not stepped[topic]]
+    before, behind = (sum(side) for side in zip(*alone, strict=True)) if alone else (0.0, 0.0)
     right = Step(step.row, size, before < behind)
     for one in (imu, *others):
         row = one.row(place)
