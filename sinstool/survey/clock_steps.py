@@ -228,8 +228,10 @@ def _again(time_ns: IntArray, row: int, level: Level) -> bool:
     """Whether times that ran back count the same time twice, or go where there was none."""
     size = abs(level.rise)
     begin, later, earlier = int(time_ns[row]), time_ns[row:], time_ns[:row]
-    # Late messages end where those go on that came before them
-    returns = np.flatnonzero(np.diff(later) > LEAST_NS + GAP_INTERVALS * level.interval)
+    # Late messages end where those go on that came before them; batches come all the time
+    usual = np.sort(np.diff(earlier[-MANY:]))[-FEWEST:]
+    longest = max(GAP_INTERVALS * level.interval, 1.5 * float(usual[0]))
+    returns = np.flatnonzero(np.diff(later) > LEAST_NS + longest)
     same = later[: returns[0] + 1] if len(returns) else later
     first, last = int(earlier.min()), int(same.max())
     if last < first:
