@@ -115,6 +115,15 @@ def test_delays_are_no_steps(seed):
     assert not stamp_steps(time_ns[3000:][keep], queue[keep])
 
 
+@pytest.mark.parametrize("pace", [0.01, 0.5, 3.0])
+def test_times_of_a_log_that_was_written_anew_show_no_steps(pace):
+    """Its times of recording are those of its writing, which passed over a gap."""
+    time_ns, _ = clocks(6)
+    keep = np.delete(np.arange(8000), np.arange(4000, 4400))
+    log_ns = T0 + 10**15 + np.round(np.arange(len(keep)) * pace * 5e6).astype(np.int64)
+    assert not stamp_steps(time_ns[keep], log_ns)
+
+
 def test_gaps_of_a_sensor_are_no_steps():
     time_ns, log_ns = clocks(5)
     keep = np.delete(np.arange(8000), np.arange(4000, 4400))
