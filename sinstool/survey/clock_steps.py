@@ -28,7 +28,7 @@ SURE, ALIKE = 6.0, 0.3
 # Who sets a clock more often than this disciplines it.
 MOST_STEPS = 20
 # Times of recording go at most so many times as fast as stamps, or as slowly.
-PACE = 1.5
+PACE = 1.3
 # Least share of the time that is counted twice for which there are samples of before.
 TWICE = 0.5
 # No message is recorded before it is stamped, apart from small differences of two clocks: a delay
@@ -138,7 +138,7 @@ def stamp_steps(time_ns: IntArray, log_ns: IntArray) -> list[Step]:
 def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> Step | None:
     """The step of the stamps before a row; None where it is none, or may be a delay."""
     level = delay_level(time_ns, log_ns, row)
-    if level is None or not level.sure or not _of_one_pace(time_ns, log_ns, row):
+    if level is None or not level.sure or not of_one_pace(time_ns, log_ns, row):
         return None
     rise, interval = -level.rise, level.interval
     step = float(time_ns[row] - time_ns[row - 1])
@@ -162,10 +162,11 @@ def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> Step | None:
     return Step(row, whole_size(time_ns, row, rise, level.noise), before < behind)
 
 
-def _of_one_pace(time_ns: IntArray, log_ns: IntArray, row: int) -> bool:
+def of_one_pace(time_ns: IntArray, log_ns: IntArray, row: int) -> bool:
     """Whether times of recording go on as stamps do, before a row and behind it.
 
-    Those of a log that was written anew may be of its writing.
+    Those of a log that was written anew may be of its writing, and after a stall of the recorder
+    comes at once what has waited.
     """
     begin, end = _near(log_ns, row)
     if begin is None or end is None:

@@ -47,6 +47,7 @@ from sinstool.survey.clock_steps import (
     even_level,
     leaps,
     move,
+    of_one_pace,
     recorder_steps,
     stamp_steps,
     whole_size,
@@ -244,6 +245,8 @@ def _forward(log: Log, imu: _Times, others: Sequence[_Times]) -> Iterator[Step]:
         leap, delay = even_level(imu.log_ns, row), delay_level(imu.stamp_ns, imu.log_ns, row)
         if leap is None or delay is None or leap.rise < LEAST_NS or not leap.sure:
             continue
+        if not of_one_pace(imu.stamp_ns, imu.log_ns, row):
+            continue
         size, place = leap.rise, int(imu.place[row])
         together = _is(delay, 0.0, size)
         if not together and not _is(delay, size, size):
@@ -259,6 +262,8 @@ def _parted(other: _Times, row: int, expected: tuple[float, float], size: float)
     late = delay_level(other.stamp_ns, other.log_ns, row)
     even = even_level(other.stamp_ns, row)
     if late is None or even is None:
+        return False
+    if expected[0] and not of_one_pace(other.stamp_ns, other.log_ns, row):
         return False
     return _is(late, expected[0], size) and _is(even, expected[1], size)
 

@@ -1,5 +1,7 @@
 """Clocks that are set in the middle of a log: times are read as if they had not been."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.timeline import sorted_stream
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
+from sinstool.survey.set_right import _forward, _Times
 from sinstool.survey.source import prepare
 from tests.helpers.imulogs import (
     IMU,
@@ -112,6 +115,30 @@ def test_messages_on_their_way_when_the_clock_was_set(tmp_path, road, size):
     assert steps_of(source) == [("/imu", size)]
     np.testing.assert_array_equal(imu.stream.time_ns, nanoseconds(road.seconds + size))
     np.testing.assert_array_equal(fix_ns, nanoseconds(road.fixes.seconds + size))
+
+
+@pytest.mark.parametrize("lost", ["imu", "fixes"])
+@pytest.mark.parametrize("rate", [1.0, 10.0, 50.0])
+def test_a_stall_after_which_some_topics_come_at_once_is_no_step(lost, rate):
+    """A recorder hangs; one topic waits in a queue, and messages of the other are lost."""
+    times, place = [], 0
+    for topic, each in (("imu", 200.0), ("fixes", rate)):
+        seconds = np.arange(0.0, 60.0, 1.0 / each)
+        held = (seconds > 30.0) & (seconds <= 32.0)
+        arrival = np.where(held, 32.0 + 1e-4 * np.cumsum(held) / each, seconds) + 1e-3
+        keep = ~held if topic == lost else np.ones(len(held), bool)
+        times.append((topic, seconds[keep], arrival[keep]))
+    arrivals = np.concatenate([arrival for _, _, arrival in times])
+    rank = np.argsort(np.argsort(arrivals, kind="stable"))
+    made = []
+    for topic, seconds, arrival in times:
+        mine, place = rank[place : place + len(seconds)], place + len(seconds)
+        number = np.arange(len(seconds))
+        made.append(
+            _Times(topic, nanoseconds(seconds), nanoseconds(arrival), mine, 0 * number, number)
+        )
+    log = SimpleNamespace(channels_of=lambda _: [SimpleNamespace(type="")])
+    assert not list(_forward(log, made[0], made[1:]))
 
 
 def test_back_and_forth(tmp_path, road):
