@@ -15,7 +15,7 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.core.errors import DataError, SinstoolError, TopicError
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.streams import Baro, BaroHeight, GnssEpochs, Stream
+from sinstool.core.streams import Baro, BaroHeight, GnssEpochs, Stream, concatenate
 from sinstool.core.timeline import sorted_stream
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import (
@@ -27,6 +27,7 @@ from sinstool.io.readers.message_types import (
 )
 from sinstool.io.readers.streams import Losses, read_height, read_pressure
 from sinstool.io.readers.topics import OWN_PREFIXES, choose_optional
+from sinstool.survey.set_right import own_steps
 from sinstool.survey.wheels import WheelSpeeds
 
 S = TypeVar("S", bound=Stream)
@@ -129,11 +130,18 @@ def until(blocks: Iterable[S], until_ns: int | None) -> Iterator[S]:
 def in_order(
     blocks: Iterable[S], log_time: bool, topic: str, repeats: bool = False
 ) -> tuple[S | None, list[Finding]]:
-    """A whole stream sorted by time, and the counts of late and repeated samples."""
-    stream = sorted_stream(blocks, log_time, repeats)
+    """A whole stream sorted by time: its clock's steps, and counts of late and repeated."""
+    parts = [block for block in blocks if len(block)]
+    if not parts:
+        return None, []
+    whole = concatenate(parts)
+    findings: list[Finding] = []
+    del parts
+    if not log_time:
+        whole, findings = own_steps(whole, topic)
+    stream = sorted_stream([whole], log_time, repeats)
     if stream is None:
         return None, []
-    findings = []
     if stream.backward:
         text = f"topic {topic}: {stream.backward} messages came out of order; sorted"
         findings.append(_counted("out-of-order", text, topic, stream.backward))

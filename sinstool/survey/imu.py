@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 
 from sinstool.core.errors import DataError
+from sinstool.core.finding import Finding
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import (
     FIRST_HORIZON,
@@ -148,6 +149,8 @@ class Survey:
         these, while `first_ns`, windows, spans and orientations keep their stamps.
     left_out : LeftOut or None
         Samples that are no measurements, and are as if they had not been recorded.
+    clock_steps : tuple of Finding
+        Clocks that were set while the log was recorded: samples are read without these steps.
     """
 
     topic: str
@@ -187,6 +190,7 @@ class Survey:
     gyro_unit: UnitEvidence
     even: EvenStamps | None = None
     left_out: LeftOut | None = None
+    clock_steps: tuple[Finding, ...] = ()
 
     @property
     def rate_hz(self) -> float:

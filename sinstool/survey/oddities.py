@@ -258,6 +258,7 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
         )
     if s.count == 1:
         yield Finding("one-sample", f"topic {s.topic} has only one usable sample")
+    yield from s.clock_steps
     if s.time_source == "log":
         yield Finding("time-source", f"{s.time_note}, so the recorder's log times are used instead")
     if s.bursty:

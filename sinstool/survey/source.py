@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from sinstool.io.readers.streams import ImuUnits, first_fix
 from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu
 from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
+from sinstool.survey.clock_steps import LEAST_NS
 from sinstool.survey.clocks import against_gnss
 from sinstool.survey.even_stamps import EvenStamps, even_stamps
 from sinstool.survey.gnss import LEFT_OUT, read_gnss
@@ -37,8 +39,11 @@ from sinstool.survey.needs import (
 from sinstool.survey.oddities import oddities
 from sinstool.survey.rest import moving_at, rest_end, settled, shaken_rest
 from sinstool.survey.samples import SampleCache, samples_again
+from sinstool.survey.set_right import may_have_stepped, set_right
 from sinstool.survey.wheels import WheelSpeeds, read_wheels
 
+# Samples that are too many to keep are read again for leaps of their times of so many s only.
+READ_AGAIN_S = 0.25
 # Stamps that vary by more of an interval may be of receipt.
 JITTER = 0.2
 # Or samples are so many times further apart in the mean than most of them.
@@ -215,7 +220,7 @@ def part_of(source: Source, config: ProcessConfig, start_ns: int, end_ns: int) -
         span["start"] = f"{even.line_before(start_ns)} ns"
         span["end"] = f"{end_ns + int(even.most_ns) + 1} ns"
     options = config.input.model_copy(update={**span, "imu_stamps": "kept"})
-    survey_, samples = survey_samples(source.log, source.imu_topic, options)
+    survey_, samples = survey_samples(source.log, source.imu_topic, options, look_for_steps=False)
     survey_, _, _ = _truly_at_rest(survey_, source.aiding)
     # What a gap is, and how far samples are apart, is known from all of the log
     survey_ = replace(survey_, interval_ns=whole.interval_ns, max_gap_ns=whole.max_gap_ns)
@@ -232,6 +237,7 @@ def survey_samples(
     progress: Callable[[int], None] | None = None,
     read: Watcher | None = None,
     judged: Watcher | None = None,
+    look_for_steps: bool = True,
 ) -> tuple[Survey, SampleCache]:
     """Read an Imu topic once: its survey, and its samples.
 
@@ -239,6 +245,8 @@ def survey_samples(
     ----------
     read, judged : Watcher, optional
         See :func:`~sinstool.survey.imu.survey`.
+    look_for_steps : bool, optional
+        Look whether a clock was set in the log; by default it is not known.
 
     Raises
     ------
@@ -247,7 +255,8 @@ def survey_samples(
     """
     samples, units = SampleCache(read), imu_units(options)
     increments = options.sample_kind == "increment"
-    found = survey(
+    find = partial(
+        survey,
         log,
         topic,
         units,
@@ -258,12 +267,30 @@ def survey_samples(
         read=samples,
         judged=judged,
     )
+    found = find()
+    if look_for_steps and _may_have_stepped(found, samples):
+        steps = set_right(log, topic)
+        if steps:
+            found = replace(find(), clock_steps=steps)
     if _jitters(found, options):
         again = samples_again(log, topic, units, found, samples, found.first_ns)
         even = even_stamps(again, increments, options.imu_stamps == "even")
         if even is not None:
             found = _evened(found, even, options)
     return found, samples
+
+
+def _may_have_stepped(found: Survey, samples: SampleCache) -> bool:
+    """Whether a clock may have been set while the log was recorded."""
+    if found.time_source == "stamp" and samples.blocks:
+        columns = zip(
+            *((block.time_ns, block.log_time_ns) for block in samples.blocks), strict=True
+        )
+        return may_have_stepped(*map(np.concatenate, columns))
+    low, high = found.clock_offset_s
+    longest_s = max((length for _, length in found.gaps), default=0.0)
+    back = found.order.lateness_ns > LEAST_NS or found.time_source == "log"
+    return back or max(longest_s, high - low) > READ_AGAIN_S
 
 
 def _jitters(found: Survey, options: InputOptions) -> bool:

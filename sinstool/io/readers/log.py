@@ -26,6 +26,7 @@ from sinstool.io.messages.definitions import (
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.lost import LogLosses, Lost, LostParts
 from sinstool.io.readers.side_channels import SideChannelCache
+from sinstool.io.readers.undone import NOTHING, ChannelClocks, Undone
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,11 @@ class Log(ABC):
         Messages by channel as the log itself declares them; empty where it does not. Not checked.
     recovered : dict of int to int
         Messages by channel that the last complete pass gave; counted when `salvage` is on.
+    clocks : dict of int to ChannelClocks
+        Steps of clocks by channel. Columns of messages are read without them; raw messages are as
+        they were recorded.
+    recorder : Undone
+        Steps of the recorder's clock, by log times as they are read instead of by numbers.
     """
 
     format: str
@@ -131,6 +137,8 @@ class Log(ABC):
         self.parts: list[Log] = []
         self.counts: dict[int, int] = {}
         self.recovered: dict[int, int] = {}
+        self.clocks: dict[int, ChannelClocks] = {}
+        self.recorder: Undone = NOTHING
         # Channels by topic, and of which channels it was made
         self._by_topic: dict[str, list[Channel]] = {}
         self._topics_of = (0, 0)

@@ -34,6 +34,8 @@ Made = TypeVar("Made")
 LARGEST = 1e9
 XYZ = ("x", "y", "z")
 XYZW = ("x", "y", "z", "w")
+# Column of what stamps are moved by where a clock was set.
+MOVED = "moved"
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,8 @@ IMU_FIELDS = ("header.stamp", *_vector("angular_velocity"), *_vector("linear_acc
 
 def stamp(columns: Mapping[str, np.ndarray]) -> np.ndarray:
     """Times of headers, ns."""
-    return columns["sec"].astype(np.int64) * 1_000_000_000 + columns["nanosec"].astype(np.int64)
+    time_ns = columns["sec"].astype(np.int64) * 1_000_000_000 + columns["nanosec"].astype(np.int64)
+    return time_ns + columns[MOVED] if MOVED in columns else time_ns
 
 
 def header(prefix: str = "") -> dict[str, list[str]]:
@@ -97,7 +100,7 @@ def read_columns(
     progress: Callable[[int], None] | None = None,
     widths: Mapping[str, int] = MappingProxyType({}),
 ) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
-    """Decoded columns of one topic, batch by batch, in file order.
+    """Decoded columns of one topic, batch by batch, in file order, without steps of clocks.
 
     Parameters
     ----------
@@ -134,6 +137,7 @@ def read_columns(
     decoders = {
         c.id: checked(c.id, partial(Decoder, c.definition(log.path), columns)) for c in channels
     }
+    met = dict.fromkeys(decoders, 0)
     for batch in log.batches(list(decoders)):
         if progress is not None:
             progress(batch.position)
@@ -142,6 +146,12 @@ def read_columns(
             one = batch if len(decoders) == 1 else batch.select([number])
             decode = partial(decoders[number].decode, one.buffer, one.offset, one.length)
             decoded = checked(number, decode)
+            log_time_ns, clocks = one.log_time, log.clocks.get(number)
+            if clocks is not None:
+                rows = np.arange(met[number], met[number] + len(one))
+                decoded.values[MOVED] = clocks.stamp.moves(rows)
+                log_time_ns = log_time_ns + clocks.log.moves(rows)
+                met[number] += len(one)
             for name, paths in columns.items():
                 width = decoded.values[name].size // len(one)
                 if width != widths.get(name, len(paths)) and decoded.valid.any():
@@ -153,10 +163,10 @@ def read_columns(
                 losses.malformed += bad
                 losses.problem = losses.problem or decoders[number].problem
             if not bad:
-                yield one.log_time, decoded.values
+                yield log_time_ns, decoded.values
             elif decoded.valid.any():
                 keep = decoded.valid
-                yield one.log_time[keep], {k: v[keep] for k, v in decoded.values.items()}
+                yield log_time_ns[keep], {k: v[keep] for k, v in decoded.values.items()}
 
 
 def read_imu(

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
 from types import TracebackType
+from typing import TypeVar
 
 from sinstool.config import ProcessConfig
 from sinstool.core import version
 from sinstool.core.errors import ConfigurationError, OutputError
 from sinstool.core.finding import Finding, exit_status
-from sinstool.core.streams import Diagnostics, Solution
+from sinstool.core.streams import Diagnostics, Solution, Stream
 from sinstool.core.threads import executor
 from sinstool.core.whole_file import WholeFile, check_mcap_name, check_output
 from sinstool.io.readers.log import Log
+from sinstool.io.readers.undone import NOTHING, recorded
 from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import SolutionWriter
@@ -24,6 +27,7 @@ from sinstool.pipelines.process.summary import InputFile, OutputFile, Place, Sin
 from sinstool.pipelines.process.travel import Odometer
 from sinstool.pipelines.provenance import RECORD, figures_of, identity, sha256
 
+S = TypeVar("S", bound=Stream)
 # Made of the attitude, which every run has
 ALWAYS = ("imu", "attitude", "euler", "pose", "tf")
 
@@ -179,7 +183,7 @@ class Output:
     def push(self, solution: Solution) -> None:
         """Write solutions, in the order of time."""
         if self._solutions is not None:
-            self._solutions.push(solution)
+            self._solutions.push(self._recorded(solution))
         self._pushed += len(solution)
         if self.sink is not None:
             self.sink.push(solution)
@@ -189,7 +193,14 @@ class Output:
     def note(self, diagnostics: Diagnostics) -> None:
         """Write diagnostics beside the solutions that follow."""
         if self._solutions is not None:
-            self._solutions.note(diagnostics)
+            self._solutions.note(self._recorded(diagnostics))
+
+    def _recorded(self, stream: S) -> S:
+        """A stream whose log times are as in the log, also where its recorder's clock was set."""
+        steps = self.log.recorder
+        if steps is NOTHING:
+            return stream
+        return replace(stream, log_time_ns=recorded(steps, stream.log_time_ns))
 
     def complete(self) -> None:
         """Write the remaining solutions and the rest of the input."""
