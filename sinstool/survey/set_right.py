@@ -15,6 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from sinstool.core.arrays import IntArray
+from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.order_statistics import median
@@ -67,9 +68,8 @@ KIND = "clock-step"
 # Delays of two topics that are no more apart are by one clock.
 SAME_CLOCK_NS = SECOND
 NO_STEPS = ChannelClocks()
-# Fixes whose velocity is compared, before and behind: those of so many seconds, or so many. And the
-# Earth's radius, m.
-BESIDE_S, LEAST_BESIDE, EARTH_M = 1.5, 3, 6.37e6
+# Fixes whose velocity is compared, before and behind: those of so many seconds, or so many.
+BESIDE_S, LEAST_BESIDE = 1.5, 3
 # What a vehicle may accelerate by meanwhile without showing it before or after, m/s^2.
 CHANGING = 0.5 * STANDARD_GRAVITY
 S = TypeVar("S", bound=Stream)
@@ -298,7 +298,9 @@ def _stood_still(log: Log, others: Sequence[_Times], place: int, size: float) ->
 def _too_near(fixes: Gnss, row: int, leap_s: float) -> bool:
     """Whether two fixes are too near for the time between their stamps, and not without a leap."""
     seconds = (fixes.time_ns - fixes.time_ns[row]) / SECOND
-    way = EARTH_M * (fixes.latitude + 1j * fixes.longitude * np.cos(fixes.latitude[row]))
+    here = fixes.latitude[row], fixes.longitude[row]
+    north, east = horizontal_metres(fixes.latitude - here[0], fixes.longitude - here[1], here[0])
+    way = north + 1j * east
     took, gone = -float(seconds[row - 1]), way[row] - way[row - 1]
     first = min(int(np.searchsorted(seconds, -took - BESIDE_S)), row - LEAST_BESIDE)
     end = max(int(np.searchsorted(seconds, BESIDE_S, "right")), row + LEAST_BESIDE)
