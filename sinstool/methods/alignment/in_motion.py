@@ -37,6 +37,8 @@ SHORT_S = (15.0, 25.0, 40.0, 70.0, MOST_S)
 # the refinement is linear.
 SURPRISE = 1.0
 ROUNDS = 4
+# Sigmas by which a gyro bias may differ from one with which the vehicle goes where it points.
+MOST_OFF = 5.0
 # Vertical velocity is the slope of heights over this time before and after, s.
 CLIMB_S = 2.0
 
@@ -224,7 +226,27 @@ def align_in_motion(
         rough = tried(gyro_bias, settings.grade, ends)
     # A bias a little beyond the ordinary may be what it is, and a large one an illusion
     found = [settled(one) for one in (best, rough) if one is not None and one.good]
-    return min(found, key=lambda one: one.result.chi2, default=best)
+    likeliest = min(found, key=lambda one: one.result.chi2, default=best)
+    level = level_bias(imu, fixes, begin)
+    if level is None or not contradicted(likeliest, level, imu):
+        return likeliest
+    goes = tried(level[0], settings.grade, ends_ns)
+    return likeliest if goes is None or not goes.good else settled(goes)
+
+
+def contradicted(moving: MotionAlignment, level: tuple[FloatArray, float], imu: Imu) -> bool:
+    """Whether a gyro bias has a vehicle turn away from where it goes, at a steady rate.
+
+    Without acceleration nothing else shows a bias about the vertical: one that is wrong, beside a
+    heading that is as wrong, may explain the first turns of a log.
+    """
+    if not moving.good:
+        return False
+    errors = moving.result.errors
+    sigma = moving.settings.grade.gyro_bias if errors is None else errors.sigma["gyro_bias"].max()
+    up = imu.accel.mean(axis=0)
+    off = float((moving.refined_bias - level[0]) @ up) / float(np.linalg.norm(up))
+    return abs(off) > MOST_OFF * float(np.hypot(sigma, level[1]))
 
 
 def _better(new: InFlightAlignment, old: InFlightAlignment) -> bool:

@@ -20,10 +20,18 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import velocity_noise_bound
 from sinstool.methods.ins_gnss.latency import MAX_SIGMA_S
-from sinstool.pipelines.process.ins_gnss.filter_settings import imu_stated
-from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.methods.sensor_errors import Grade, next_worse
+from sinstool.pipelines.align.in_motion import imu_noise
+from sinstool.pipelines.process.ins_gnss.filter_settings import (
+    has_scales,
+    imu_stated,
+    noise_stated,
+    receiver_stated,
+)
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, LikelierGrade
 from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import Drift
+from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import denied_attitude
 from sinstool.pipelines.process.ins_gnss.timing import motion_from, white_noise
 from sinstool.survey.course import RECEIVER_CLOCK
@@ -31,6 +39,9 @@ from sinstool.survey.source import Source
 
 # Drift without fixes over its sigma: beyond this, options make the Imu better than it is.
 MOST_DRIFT = 2.0
+# Decrease of -2 log likelihood with a worse grade beyond which a stated one is too good. What
+# innovations do not have in common with any model changes it by tens.
+MOST_UNLIKELY = 100.0
 # Least difference of attitude that is reported: in sigmas; with another latency, rad; with another
 # arm, rad. Sigmas include the turn of a filter by a wrong arm, but not that of its start.
 MOST_TURNED, LEAST_TURNED, LEAST_BY_ARM = 4.0, 2.0 * DEGREE, 5.0 * DEGREE
@@ -47,12 +58,44 @@ def compare_with_log(
     """A start with the measures that :func:`contradictions` compares with their limits."""
     if imu_stated(config):
         drift = Drift(source, config, algorithm, start.by_the_fixes)
-        start = replace(start, drifts=drift.ratio)
+        likelier = _likelier(source, config, algorithm, start)
+        start = replace(start, drifts=drift.ratio, likelier=likelier)
     return replace(
         start,
         turned=_turned(source, config, algorithm, start),
         unexplained=_unexplained(source, config, algorithm, start),
     )
+
+
+def _likelier(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> LikelierGrade | None:
+    """A worse grade than that of an option with which the innovations are far likelier.
+
+    Errors of scale factors and axes show as the vehicle turns, where fixes are never missing and
+    no drift without them shows anything. All grades are compared with a state for each error. None
+    if the innovations are as large as expected, or options give the noise of the fixes, which may
+    be wrong instead.
+    """
+    if config.navigation.imu_grade == "auto" or noise_stated(config) or receiver_stated(config):
+        return None
+    shown = start.by_the_fixes
+
+    def fitted(grade: Grade) -> Fit | None:
+        imu = imu_noise(config, grade, has_scales(config))
+        settings = replace(shown.settings, imu=imu, filter="network-29a")
+        return fit(source, config, algorithm, replace(shown, settings=settings))
+
+    stated, grade = fitted(start.grade.grade), next_worse(start.grade.grade)
+    best: LikelierGrade | None = None
+    while grade is not None and stated is not None and stated.doubted:
+        other = fitted(grade)
+        if other is not None:
+            gain = stated.epochs * (stated.cost - other.cost)
+            if gain > (MOST_UNLIKELY if best is None else best.gain):
+                best = LikelierGrade(grade, gain)
+        grade = next_worse(grade)
+    return best
 
 
 def _turned(
@@ -136,7 +179,7 @@ def contradictions(start: FilterStart, survey: Sequence[Finding]) -> list[Findin
         About the log.
     """
     return [
-        *drifts_too_far(start.drifts),
+        *(drifts_too_far(start.drifts) or far_likelier(start)),
         *turned_by_offsets(start),
         *denied_attitude(start),
         *unexplained_velocities(start),
@@ -162,6 +205,23 @@ def drifts_too_far(ratio: float) -> list[Finding]:
             Severity.LOST,
             "leave --imu-grade, --imu-noise, --arw and --vrw out, or correct them",
             numbers={"drift_over_sigma": ratio},
+        )
+    ]
+
+
+def far_likelier(start: FilterStart) -> list[Finding]:
+    """A worse grade of the Imu with which the fixes are far likelier than with the stated one."""
+    if start.likelier is None:
+        return []
+    other, stated = start.likelier.grade, start.grade.grade
+    return [
+        Finding(
+            "imu-options",
+            f"the fixes are far likelier with an Imu of grade {other} than with --imu-grade"
+            f" {stated}: do not trust the sigmas",
+            Severity.LOST,
+            "leave --imu-grade out, or correct it",
+            numbers={"log_likelihood_gain": 0.5 * start.likelier.gain},
         )
     ]
 

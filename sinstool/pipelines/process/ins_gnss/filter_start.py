@@ -20,6 +20,7 @@ from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.receiver_priors import ARM_USUAL_M, LATENCY_S
+from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart
 from sinstool.pipelines.process.summary import FirstAttitude
 from sinstool.survey.grade import ImuGrade
@@ -54,6 +55,14 @@ class WhiteNoise:
         """Whether a run from this start would show the same."""
         same = start is self.start and settings == self.settings
         return same and np.array_equal(usual, self.usual)
+
+
+@dataclass(frozen=True)
+class LikelierGrade:
+    """Another grade of an Imu, and by how much it lowers -2 log likelihood."""
+
+    grade: Grade
+    gain: float
 
 
 @dataclass(frozen=True)
@@ -104,6 +113,8 @@ class FilterStart:
     drifts : float, optional
         Drift without fixes over its sigma, if options give the noise of the Imu; 1 where it is not
         clearly more.
+    likelier : LikelierGrade or None, optional
+        A worse grade than that of an option, if innovations are far likelier with it.
     turned : tuple of float, optional
         Distance of the attitude, in sigmas and in rad, from that with the latency and lever arm of
         the log, if the log contradicts those in use.
@@ -138,6 +149,7 @@ class FilterStart:
     noisier_velocity: tuple[float, float] = (1.0, 1.0)
     slow_errors: tuple[float, float] = (1.0, 1.0)
     drifts: float = 1.0
+    likelier: LikelierGrade | None = None
     turned: tuple[float, float] = (0.0, 0.0)
     denied: float = 0.0
     unexplained: float = 0.0

@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 from benchmarks.trusted_navigation import process
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
+from sinstool.core.finding import Severity
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR
 from sinstool.io.readers import open_log
 from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES, partly_calibrated
@@ -22,6 +23,7 @@ from sinstool.pipelines.process.ins_gnss import (
     likelier_grade,
     start,
 )
+from sinstool.pipelines.process.ins_gnss.contradictions import contradictions
 from sinstool.pipelines.process.ins_gnss.imu_drift import NoiseFactors
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit
 from sinstool.pipelines.process.ins_gnss.likelier_grade import clearly_likelier, uncalibrated_share
@@ -406,6 +408,26 @@ def test_misaligned_accelerometers_are_in_the_first_tilt(tmp_path):
         answer, *_ = process(log, truth, ["--sigma-misalignment", "0.3"])
         off.append(np.square(answer.error[0, 6:8] / answer.sigma[0, 6:8]))
     assert 0.3 < np.sqrt(np.mean(off)) < 1.6
+
+
+@pytest.mark.parametrize("seed", [2, 6, 7])
+def test_a_configured_grade_with_which_the_fixes_are_far_less_likely_is_reported(tmp_path, seed):
+    """Two minutes have too few stretches without fixes for a drift: status 0 before with seed 6."""
+    truth = drive(seed, 130.0, 20.0)
+    data = record(truth, GRADES["industrial"], seed, gnss_rate=2.0, sigma=0.1)
+    log = write(tmp_path / "log.mcap", crossed(data, seed, 5e-3))
+    found = {}
+    for grade in ("tactical", "mems"):
+        begun = start_of(
+            log,
+            input={"gyro_kind": "mean-rate"},
+            gnss={"lever_arm": tuple(LEVER.tolist())},
+            navigation={"imu_grade": grade},
+        )
+        found[grade] = contradictions(begun, ())
+    assert found["mems"] == []
+    (said,) = found["tactical"]
+    assert "far likelier" in said.text and said.severity == Severity.LOST
 
 
 @pytest.mark.slow
