@@ -19,7 +19,7 @@ from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flight
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
-from sinstool.methods.alignment.level_bias import MOST_S, MOVING_M_S, level_bias
+from sinstool.methods.alignment.level_bias import MOST_S, MOVING_M_S, LevelBias, level_bias
 from sinstool.methods.alignment.preparation import MIN_POSITION_SPAN_S, prepare_fixes
 from sinstool.methods.alignment.solution import carried
 from sinstool.methods.alignment.span_reader import NO_SAMPLES, SpanReader
@@ -37,7 +37,7 @@ SHORT_S = (15.0, 25.0, 40.0, 70.0, MOST_S)
 # the refinement is linear.
 SURPRISE = 1.0
 ROUNDS = 4
-# Sigmas by which a gyro bias may differ from one with which the vehicle goes where it points.
+# Sigmas by which a gyro bias may differ from that with which the vehicle goes where it points.
 MOST_OFF = 5.0
 # Vertical velocity is the slope of heights over this time before and after, s.
 CLIMB_S = 2.0
@@ -215,38 +215,35 @@ def align_in_motion(
     last = ends_ns[-1]
     imu = samples.until(beyond if last is None else min(beyond, last))
     ends = [end for end in short if end < imu.time_ns[-1]]
+    level = level_bias(imu, fixes, begin)
     rough = tried(gyro_bias, replace(settings.grade, gyro_bias=bias_unknown), ends)
-    if rough is None or not rough.good:
-        level = level_bias(imu, fixes, begin)
-        if level is not None:
-            errors = replace(settings.grade, gyro_bias=level[1])
-            rough = tried(level[0], errors, [*ends, *ends_ns])
+    if (rough is None or not rough.good) and level is not None:
+        errors = replace(settings.grade, gyro_bias=level.sigma)
+        rough = tried(level.bias, errors, [*ends, *ends_ns])
     if (rough is None or not rough.good) and not best.good:
         # With an ordinary bias, which spoils long spans all the same where little changes
         rough = tried(gyro_bias, settings.grade, ends)
     # A bias a little beyond the ordinary may be what it is, and a large one an illusion
     found = [settled(one) for one in (best, rough) if one is not None and one.good]
     likeliest = min(found, key=lambda one: one.result.chi2, default=best)
-    level = level_bias(imu, fixes, begin)
-    if level is None or not contradicted(likeliest, level, imu):
+    if level is None or not _turns_away(likeliest, level):
         return likeliest
-    goes = tried(level[0], settings.grade, ends_ns)
+    goes = tried(level.bias, settings.grade, ends_ns)
     return likeliest if goes is None or not goes.good else settled(goes)
 
 
-def contradicted(moving: MotionAlignment, level: tuple[FloatArray, float], imu: Imu) -> bool:
-    """Whether a gyro bias has a vehicle turn away from where it goes, at a steady rate.
+def _turns_away(moving: MotionAlignment, level: LevelBias) -> bool:
+    """Whether the gyro bias of an alignment has a vehicle turn away from its course all the time.
 
-    Without acceleration nothing else shows a bias about the vertical: one that is wrong, beside a
-    heading that is as wrong, may explain the first turns of a log.
+    Without acceleration no residual shows a bias about the vertical. One that is wrong, with a
+    heading that is as wrong, may fit the few turns of the first minutes as well as the right one.
     """
     if not moving.good:
         return False
     errors = moving.result.errors
     sigma = moving.settings.grade.gyro_bias if errors is None else errors.sigma["gyro_bias"].max()
-    up = imu.accel.mean(axis=0)
-    off = float((moving.refined_bias - level[0]) @ up) / float(np.linalg.norm(up))
-    return abs(off) > MOST_OFF * float(np.hypot(sigma, level[1]))
+    off = float((moving.refined_bias - level.bias) @ level.up)
+    return abs(off) > MOST_OFF * float(np.hypot(sigma, level.sigma))
 
 
 def _better(new: InFlightAlignment, old: InFlightAlignment) -> bool:

@@ -5,12 +5,14 @@ Rough, but without any attitude: a first estimate for gyros whose bias makes eve
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.alignment.inflight_types import GnssFixes
 
 # Fixes faster than this show the course.
@@ -26,10 +28,31 @@ SWAY_S = 10.0
 ANY_WAY = 0.5
 
 
-def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> tuple[FloatArray, float] | None:
-    """Gyro bias of a vehicle that stays about level and goes where it points, and its sigma.
+@dataclass(frozen=True)
+class LevelBias:
+    """Gyro bias of a vehicle that goes where it points.
 
-    In the mean it turns as its course does, about the vertical that the accelerometer shows.
+    Attributes
+    ----------
+    bias : ndarray, shape (3,)
+        rad/s.
+    sigma : float
+        Of its part about the vertical, rad/s; at least `LEVEL_SIGMA`.
+    up : ndarray, shape (3,)
+        Unit vector along the mean specific force.
+    """
+
+    bias: FloatArray
+    sigma: float
+    up: FloatArray
+
+
+def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> LevelBias | None:
+    """Gyro bias of a vehicle that stays about level and goes where it points.
+
+    In the mean it turns as its course does, about the vertical that the accelerometer shows. In a
+    coordinated turn of rate w at speed v an aircraft banks by arctan(v w / g), and that axis with
+    it: the bias may be off by w less its part along that axis.
 
     Parameters
     ----------
@@ -42,16 +65,14 @@ def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> tuple[FloatArray, f
 
     Returns
     -------
-    bias : ndarray, shape (3,)
-        rad/s.
-    sigma : float
-        By how far the course is from where the gyros point, rad/s; at least `LEVEL_SIGMA`.
-    None
-        Where the course is not known for long enough, or the vehicle goes in any direction.
+    LevelBias or None
+        As uncertain as the course is far from where the gyros point; None where the course is not
+        known for long enough, or the vehicle goes in any direction.
     """
-    fast = np.linalg.norm(fixes.velocity_n[:, :2], axis=1) > MOVING_M_S
+    speed = np.linalg.norm(fixes.velocity_n[:, :2], axis=1)
     end_ns = begin_ns + round(MOST_S * SECOND)
-    fast &= (fixes.time_ns >= begin_ns) & (fixes.time_ns <= min(end_ns, imu.time_ns[-1]))
+    fast = (speed > MOVING_M_S) & (fixes.time_ns >= begin_ns)
+    fast &= fixes.time_ns <= min(end_ns, imu.time_ns[-1])
     time_ns, velocity = fixes.time_ns[fast], fixes.velocity_n[fast]
     if not len(time_ns) or time_ns[-1] - time_ns[0] < LEAST_S * SECOND:
         return None
@@ -71,4 +92,7 @@ def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> tuple[FloatArray, f
     across = gyro.mean(axis=0) - (gyro.mean(axis=0) @ up) * up
     # A straight line's slope is so uncertain where what is off lasts for `SWAY_S`
     sigma = off * np.sqrt(12.0 * SWAY_S / seconds[-1]) / seconds[-1]
-    return across + slope * up, float(np.hypot(LEVEL_SIGMA, sigma))
+    rate = abs(slope + turned[-1] / since[-1])
+    leans = np.arctan(rate * float(speed[fast].mean()) / STANDARD_GRAVITY)
+    sigma = float(np.linalg.norm([LEVEL_SIGMA, sigma, rate * (1.0 - np.cos(leans))]))
+    return LevelBias(across + slope * up, sigma, up)

@@ -102,17 +102,34 @@ def circling(rate, bias, wander=0.0):
 def test_a_level_bias_does_not_lose_whole_turns_while_the_vehicle_is_slow():
     bias = np.array([0.3, -0.2, 0.4]) * DEGREE
     imu, fixes = circling(6.0 * DEGREE, bias)
-    found, sigma = level_bias(imu, fixes, 0)
-    assert np.abs(found - bias).max() < 0.01 * DEGREE
-    assert sigma == pytest.approx(0.1 * DEGREE)
+    found = level_bias(imu, fixes, 0)
+    assert np.abs(found.bias - bias).max() < 0.01 * DEGREE
+    assert found.sigma == pytest.approx(0.1 * DEGREE, rel=0.01)
 
 
 def test_a_level_bias_is_as_uncertain_as_the_course_and_none_where_that_is_anything():
     imu, fixes = circling(6.0 * DEGREE, np.zeros(3), 0.3)
-    found, sigma = level_bias(imu, fixes, 0)
-    assert 0.1 * DEGREE < sigma < 0.3 * DEGREE
-    assert np.abs(found).max() < 3.0 * sigma
+    found = level_bias(imu, fixes, 0)
+    assert 0.1 * DEGREE < found.sigma < 0.3 * DEGREE
+    assert np.abs(found.bias).max() < 3.0 * found.sigma
     assert level_bias(*circling(6.0 * DEGREE, np.zeros(3), 2.0), 0) is None
+
+
+def test_a_level_bias_of_an_aircraft_that_circles_is_as_uncertain_as_its_bank():
+    """In a turn it rotates about an axis that leans with it."""
+    rate, speed = 5.0 * DEGREE, 60.0
+    bank = np.arctan(speed * rate / 9.80665)
+    seconds = np.arange(0, 130 * 50) / 50.0
+    turn = np.array([0.0, rate * np.sin(bank), rate * np.cos(bank)])
+    time_ns = np.rint(seconds * SECOND).astype(np.int64)
+    force = np.tile([0.0, 0.0, -9.80665 / np.cos(bank)], (len(seconds), 1))
+    imu = Imu(time_ns, time_ns, np.tile(turn, (len(seconds), 1)), force)
+    fixes = walker(np.full(126, speed))
+    course = rate * np.arange(126)
+    ways = np.stack([np.cos(course), np.sin(course), np.zeros(126)], axis=-1)
+    found = level_bias(imu, replace(fixes, velocity_n=speed * ways), 0)
+    off = abs(found.bias @ found.up)
+    assert 0.4 * DEGREE < off < 1.5 * found.sigma
 
 
 @dataclass(frozen=True)
@@ -128,7 +145,8 @@ class Answer:
 
 def test_a_gyro_bias_that_no_refinement_confirms_is_not_used(monkeypatch):
     """An answer that was not refined may be anything, however well it fits."""
-    bias = SimpleNamespace(gyro_bias=np.array([0.0, 0.0, 1.0]) * DEGREE)
+    sigma = {"gyro_bias": np.full(3, DEGREE)}
+    bias = SimpleNamespace(gyro_bias=np.array([0.0, 0.0, 1.0]) * DEGREE, sigma=sigma)
     removed = []
 
     def answer(imu, fixes, span):

@@ -74,10 +74,11 @@ def _likelier(
 
     Errors of scale factors and axes show as the vehicle turns, where fixes are never missing and
     no drift without them shows anything. All grades are compared with a state for each error. None
-    if the innovations are as large as expected, or options give the noise of the fixes, which may
-    be wrong instead.
+    if the innovations are as large as expected, and where another option may be wrong instead.
     """
-    if config.navigation.imu_grade == "auto" or noise_stated(config) or receiver_stated(config):
+    if config.navigation.imu_grade == "auto" or noise_stated(config):
+        return None
+    if receiver_stated(config) or _offsets_contradicted(start):
         return None
     shown = start.by_the_fixes
 
@@ -107,11 +108,7 @@ def _turned(
     contradicts neither. A start from fixes with a wrong time or place may be far off, whatever its
     sigmas.
     """
-    shown, given = start.offsets, start.latency_status == "given"
-    if shown is None:
-        return 0.0, 0.0
-    late = given and shown.latency_contradicts(start.settings.gnss_latency)
-    if not (late or shown.arm_contradicts):
+    if not _offsets_contradicted(start):
         return 0.0, 0.0
     settings = start.by_the_fixes.settings
     gnss = {"gnss_latency": settings.gnss_latency, "lever_arm": settings.lever_arm_b}
@@ -121,6 +118,16 @@ def _turned(
     except AlignmentError:
         return 0.0, 0.0
     return _attitudes_apart(source, config, algorithm, (start, other))
+
+
+def _offsets_contradicted(start: FilterStart) -> bool:
+    """Whether the log shows another latency than a given one, or another lever arm."""
+    shown = start.offsets
+    if shown is None:
+        return False
+    given = start.latency_status == "given"
+    late = given and shown.latency_contradicts(start.settings.gnss_latency)
+    return late or shown.arm_contradicts
 
 
 def _unexplained(
