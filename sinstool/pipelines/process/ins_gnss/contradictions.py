@@ -74,24 +74,26 @@ def _likelier(
 
     Errors of scale factors and axes show as the vehicle turns, where fixes are never missing and
     no drift without them shows anything. All grades are compared with a state for each error. None
-    if the innovations are as large as expected, and where another option may be wrong instead.
+    if the innovations are as large as expected, and where another option may be wrong instead. A
+    lever arm that seems to be wrong may seem so because of the grade, if with a worse one the given
+    arm is as likely as that of the log.
     """
     if config.navigation.imu_grade == "auto" or noise_stated(config):
         return None
-    if receiver_stated(config) or _offsets_contradicted(start):
+    if receiver_stated(config) or _late(start):
         return None
-    shown = start.by_the_fixes
 
-    def fitted(grade: Grade) -> Fit | None:
+    def fitted(grade: Grade, start: FilterStart) -> Fit | None:
         imu = imu_noise(config, grade, has_scales(config))
-        settings = replace(shown.settings, imu=imu, filter="network-29a")
-        return fit(source, config, algorithm, replace(shown, settings=settings))
+        settings = replace(start.settings, imu=imu, filter="network-29a")
+        return fit(source, config, algorithm, replace(start, settings=settings))
 
-    stated, grade = fitted(start.grade.grade), next_worse(start.grade.grade)
+    shown = start.by_the_fixes
+    stated, grade = fitted(start.grade.grade, shown), next_worse(start.grade.grade)
     best: LikelierGrade | None = None
     while grade is not None and stated is not None and stated.doubted:
-        other = fitted(grade)
-        if other is not None:
+        other, moved = fitted(grade, start), fitted(grade, shown)
+        if other is not None and moved is not None and not other.worse_than(moved):
             gain = stated.epochs * (stated.cost - other.cost)
             if gain > (MOST_UNLIKELY if best is None else best.gain):
                 best = LikelierGrade(grade, gain)
@@ -108,7 +110,8 @@ def _turned(
     contradicts neither. A start from fixes with a wrong time or place may be far off, whatever its
     sigmas.
     """
-    if not _offsets_contradicted(start):
+    shown = start.offsets
+    if shown is None or not (_late(start) or shown.arm_contradicts):
         return 0.0, 0.0
     settings = start.by_the_fixes.settings
     gnss = {"gnss_latency": settings.gnss_latency, "lever_arm": settings.lever_arm_b}
@@ -120,14 +123,10 @@ def _turned(
     return _attitudes_apart(source, config, algorithm, (start, other))
 
 
-def _offsets_contradicted(start: FilterStart) -> bool:
-    """Whether the log shows another latency than a given one, or another lever arm."""
-    shown = start.offsets
-    if shown is None:
-        return False
-    given = start.latency_status == "given"
-    late = given and shown.latency_contradicts(start.settings.gnss_latency)
-    return late or shown.arm_contradicts
+def _late(start: FilterStart) -> bool:
+    """Whether the log shows another latency than a given one."""
+    shown, given = start.offsets, start.latency_status == "given"
+    return given and shown is not None and shown.latency_contradicts(start.settings.gnss_latency)
 
 
 def _unexplained(
