@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.earth import earth_rate_n
 from sinstool.core.errors import AlignmentError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import conjugate, log, multiply
@@ -20,7 +21,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import velocity_noise_bound
 from sinstool.methods.ins_gnss.latency import MAX_SIGMA_S
-from sinstool.methods.sensor_errors import Grade, next_worse
+from sinstool.methods.sensor_errors import Grade, SensorGrade, next_worse
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
     has_scales,
@@ -35,6 +36,8 @@ from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import denied_attitude
 from sinstool.pipelines.process.ins_gnss.timing import motion_from, white_noise
 from sinstool.survey.course import RECEIVER_CLOCK
+from sinstool.survey.grade import BRIEF_REST_S
+from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
 # Drift without fixes over its sigma: beyond this, options make the Imu better than it is.
@@ -42,6 +45,9 @@ MOST_DRIFT = 2.0
 # Decrease of -2 log likelihood with a worse grade beyond which a stated one is too good. What
 # innovations do not have in common with any model changes it by tens.
 MOST_UNLIKELY = 100.0
+# Sigmas of a gyro bias beyond which a rest of BRIEF_REST_S denies it; a vehicle at rest leans by so
+# much meanwhile, rad.
+MOST_AT_REST, LEANS = 5.0, 3e-4
 # Least difference of attitude that is reported: in sigmas; with another latency, rad; with another
 # arm, rad. Sigmas include the turn of a filter by a wrong arm, but not that of its start.
 MOST_TURNED, LEAST_TURNED, LEAST_BY_ARM = 4.0, 2.0 * DEGREE, 5.0 * DEGREE
@@ -59,7 +65,13 @@ def compare_with_log(
     if imu_stated(config):
         drift = Drift(source, config, algorithm, start.by_the_fixes)
         likelier = _likelier(source, config, algorithm, start)
-        start = replace(start, drifts=drift.ratio, likelier=likelier)
+        known = config.align.gyro_bias not in ("still", "none")
+        start = replace(
+            start,
+            drifts=drift.ratio,
+            likelier=likelier,
+            bias_at_rest=0.0 if known else _bias_at_rest(source, start.settings.imu),
+        )
     return replace(
         start,
         turned=_turned(source, config, algorithm, start),
@@ -99,6 +111,24 @@ def _likelier(
                 best = LikelierGrade(grade, gain)
         grade = next_worse(grade)
     return best
+
+
+def _bias_at_rest(source: Source, imu: SensorGrade) -> float:
+    """Least gyro bias that the longest rest allows, over its sigma; 0 without such a rest.
+
+    About the vertical the rate of the Earth is known there, and about the level at most so large.
+    """
+    rest = longest_rest(source.survey.spans, source.aiding.gnss)
+    if rest is None or rest.duration_s < BRIEF_REST_S or source.latitude is None:
+        return 0.0
+    up = rest.accel / np.linalg.norm(rest.accel)
+    upward = float(rest.gyro @ up)
+    level = float(np.linalg.norm(rest.gyro - upward * up))
+    north, _, down = earth_rate_n(source.latitude)
+    off = max(abs(upward + float(down)), level - float(north))
+    by_chance = rest.gyro_std / np.sqrt(rest.samples)
+    leans = LEANS / rest.duration_s
+    return off / float(np.linalg.norm([imu.gyro_bias, imu.gyro_instability, by_chance, leans]))
 
 
 def _turned(
@@ -185,7 +215,7 @@ def contradictions(start: FilterStart, survey: Sequence[Finding]) -> list[Findin
         About the log.
     """
     return [
-        *(drifts_too_far(start.drifts) or far_likelier(start)),
+        *(drifts_too_far(start.drifts) or far_likelier(start) or denied_at_rest(start)),
         *turned_by_offsets(start),
         *denied_attitude(start),
         *unexplained_velocities(start),
@@ -228,6 +258,25 @@ def far_likelier(start: FilterStart) -> list[Finding]:
             Severity.LOST,
             "leave --imu-grade out, or correct it",
             numbers={"log_likelihood_gain": 0.5 * start.likelier.gain},
+        )
+    ]
+
+
+def denied_at_rest(start: FilterStart) -> list[Finding]:
+    """Gyros whose bias at rest is far beyond what options about the Imu allow.
+
+    The heading of such gyros follows from the Earth's rate, and their bias from motion.
+    """
+    if start.bias_at_rest <= MOST_AT_REST:
+        return []
+    return [
+        Finding(
+            "imu-options",
+            f"at rest, the bias of the gyros is at least {start.bias_at_rest:.0f} times the sigma"
+            " that the options about the Imu give it: do not trust the attitude and its sigmas",
+            Severity.LOST,
+            "leave --imu-grade and --imu-noise out, correct them, or give --sigma-bg",
+            numbers={"bias_over_sigma": start.bias_at_rest},
         )
     ]
 

@@ -115,6 +115,9 @@ class FilterStart:
         clearly more.
     likelier : LikelierGrade or None, optional
         A worse grade than that of an option, if innovations are far likelier with it.
+    bias_at_rest : float, optional
+        Least gyro bias at rest over its sigma, if options give the errors of the Imu; 0 without a
+        rest.
     turned : tuple of float, optional
         Distance of the attitude, in sigmas and in rad, from that with the latency and lever arm of
         the log, if the log contradicts those in use.
@@ -150,6 +153,7 @@ class FilterStart:
     slow_errors: tuple[float, float] = (1.0, 1.0)
     drifts: float = 1.0
     likelier: LikelierGrade | None = None
+    bias_at_rest: float = 0.0
     turned: tuple[float, float] = (0.0, 0.0)
     denied: float = 0.0
     unexplained: float = 0.0

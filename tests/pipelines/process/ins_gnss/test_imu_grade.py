@@ -1,6 +1,6 @@
 """A quiet Imu whose biases are not those of the grade that its noise at rest looks like."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +13,7 @@ from benchmarks.trusted_navigation import process
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
 from sinstool.core.finding import Severity
-from sinstool.core.units import DEGREE_PER_ROOT_HOUR
+from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
 from sinstool.io.readers import open_log
 from sinstool.methods.sensor_errors import IMU_GRADES, SIMULATED_GRADES, partly_calibrated
 from sinstool.pipelines.process.ins_gnss import (
@@ -428,6 +428,29 @@ def test_a_configured_grade_with_which_the_fixes_are_far_less_likely_is_reported
     assert found["mems"] == []
     (said,) = found["tactical"]
     assert "far likelier" in said.text and said.severity == Severity.LOST
+
+
+@pytest.mark.parametrize(
+    ("bias_deg_h", "options", "denied"),
+    [(0.0, {}, False), (25.0, {}, True), (25.0, {"sigma_bg": 30.0}, False)],
+)
+@pytest.mark.parametrize("axis", range(3))
+def test_a_configured_grade_that_a_rest_denies_is_reported(
+    tmp_path, axis, bias_deg_h, options, denied
+):
+    """Status 0 before, with tilts 19 sigmas off where fixes are noisy."""
+    data = record(drive(3, 120.0, 30.0), GRADES["tactical"], 3, sigma=5.0)
+    step = float(np.median(np.diff(data.seconds)))
+    turn = bias_deg_h * DEGREE_PER_HOUR * step * np.eye(3)[axis]
+    log = write(tmp_path / "log.mcap", replace(data, gyro=data.gyro + turn))
+    begun = start_of(
+        log,
+        input={"gyro_kind": "mean-rate"},
+        navigation={"imu_grade": "tactical"},
+        in_flight=options,
+    )
+    texts = [finding.text for finding in contradictions(begun, ())]
+    assert any(text.startswith("at rest, the bias") for text in texts) == denied, texts
 
 
 @pytest.mark.slow
