@@ -432,7 +432,7 @@ def test_a_configured_grade_with_which_the_fixes_are_far_less_likely_is_reported
 
 @pytest.mark.parametrize(
     ("bias_deg_h", "options", "denied"),
-    [(0.0, {}, False), (25.0, {}, True), (25.0, {"sigma_bg": 30.0}, False)],
+    [(0.0, {}, False), (40.0, {}, True), (40.0, {"sigma_bg": 30.0}, False)],
 )
 @pytest.mark.parametrize("axis", range(3))
 def test_a_configured_grade_that_a_rest_denies_is_reported(
