@@ -35,6 +35,17 @@ from sinstool.core.timeline import GAP_INTERVALS, SECOND
 LINE_S, LEAST_SAMPLES = 2.0, 64
 # No Imu samples more often than each so many ns: stamps of less are no times.
 LEAST_NS = 10_000.0
+# Intervals beyond which samples may be missing, and the product of the delay of the promptest
+# samples and their number, over the usual delay, beyond which it is no chance (1e-7).
+MISSED, PROMPT = 1.5, 16.0
+# Least number of prompt samples that are compared, and rounds in which what is missing is found, as
+# it makes delays look longer.
+LEAST_PROMPT, ROUNDS = 16, 4
+# Numbers of samples of half a stretch by which an interval is estimated, the least number of
+# batches in it, and the sigmas beyond which an interval is longer than another.
+HALVES, LEAST_BATCHES, LACKING = (8, LEAST_SAMPLES // 2, 3 * LEAST_SAMPLES), 4, 4.0
+# Intervals are the same if so many samples are moved by less than this share of one.
+SAME = 0.01
 # Samples compared before and after a long interval, at most, and most intervals compared together.
 MOST_NEARBY, ROWS = 2000, 1000
 # Largest ratio of the variation of the lines' durations to that of independent intervals; an
@@ -157,58 +168,119 @@ def even_stamps(blocks: Iterable[Imu], increments: bool, surely: bool = False) -
     if seen < 2 * LEAST_SAMPLES:
         return None
     stamp_ns = np.concatenate(stamps)
-    interval_ns = _usual_interval(stamp_ns)
-    if interval_ns < LEAST_NS:
+    if _usual_interval(stamp_ns)[0] < LEAST_NS:
         return None
-    even = _lines(stamp_ns, interval_ns)
+    even, piece_ns, count = _lines(stamp_ns)
     if surely:
         return even
-    if not _steady(even, stamp_ns):
+    if not _steady(even, piece_ns, count, stamp_ns):
         return None
     return None if _right(even, concatenate(shown), increments) else even
 
 
-def _usual_interval(stamp_ns: IntArray) -> float:
-    """Interval of most samples, ns: where few are missing, most stretches have them all.
+def _usual_interval(stamp_ns: IntArray) -> tuple[float, float]:
+    """Interval of most samples and its sigma, ns: most stretches have all of their samples.
 
     Halves of stretches are compared by their means. Of samples that come in batches, a single
-    stamp is late by up to a batch, and always by as much where the batches divide a stretch. Half a
-    stretch holds a batch at least: as many as there are to each interval longer than the mean.
+    stamp is late by up to a batch, so half a stretch holds whole batches: of as many samples as
+    there are to each interval longer than the mean.
     """
     steps = np.diff(stamp_ns).astype(np.float64)
     steps = np.minimum(steps, quantile(steps, 0.99))  # gaps aside
-    batch = len(steps) / np.count_nonzero(steps >= steps.mean())
-    half = min(max(LEAST_SAMPLES // 2, ceil(2.0 * batch)), len(stamp_ns) // 4)
+    batch = round(len(steps) / np.count_nonzero(steps >= steps.mean()))
     sums = np.concatenate([[0], np.cumsum(stamp_ns - stamp_ns[0])])
+    best: tuple[float, float] | None = None
+    for half in HALVES:
+        whole = batch * max(ceil(half / batch), LEAST_BATCHES)
+        found = _by_halves(sums, min(whole, len(stamp_ns) // 4))
+        # The longer, the better, unless most stretches lack samples and look longer
+        if best is None or not _longer(found, best):
+            best = found if best is None or found[1] < best[1] else best
+    assert best is not None
+    return best
+
+
+def _longer(found: tuple[float, float], than: tuple[float, float]) -> bool:
+    return found[0] - than[0] > LACKING * float(np.hypot(found[1], than[1]))
+
+
+def _by_halves(sums: IntArray, half: int) -> tuple[float, float]:
+    """Interval and its sigma, ns, by the means of both halves of stretches.
+
+    Parameters
+    ----------
+    sums : ndarray, shape (n + 1,)
+        Of all stamps before each one.
+    """
     means = (sums[half:] - sums[:-half]) / half
-    return float(median(means[half:] - means[:-half])) / half
+    steps = means[half:] - means[:-half]
+    usual = float(median(steps))
+    # Of a median, by the median deviation of stretches, of which so many do not overlap
+    off = float(median(np.abs(steps - usual)))
+    return usual / half, 1.2533 * 1.4826 * off / half / np.sqrt(len(sums) / (2 * half))
 
 
-def _lines(stamp_ns: IntArray, interval_ns: float) -> EvenStamps:
-    """Lines through the stamps, broken where samples are missing."""
-    begin_ns = int(stamp_ns[0])
-    late = (stamp_ns - begin_ns) - interval_ns * np.arange(len(stamp_ns))
-    width = max(LEAST_SAMPLES, round(LINE_S * SECOND / interval_ns))
-    missing = _missing(stamp_ns, late, interval_ns, min(width // 2, MOST_NEARBY))
+def _lines(stamp_ns: IntArray) -> tuple[EvenStamps, FloatArray, IntArray]:
+    """Lines through the stamps, broken where samples are missing.
+
+    Returns
+    -------
+    even : EvenStamps
+    interval_ns, count : ndarray, shape (p,)
+        Of pieces of about `LINE_S`, which go on where only a few samples are missing.
+    """
+    number = np.arange(len(stamp_ns))
+    interval_ns, sigma_ns = _usual_interval(stamp_ns)
+    for _ in range(ROUNDS):
+        late = (stamp_ns - int(stamp_ns[0])) - interval_ns * number
+        width = max(LEAST_SAMPLES, round(LINE_S * SECOND / interval_ns))
+        nearby = min(width // 2, MOST_NEARBY)
+        drift_ns = 2.0 * sigma_ns * nearby
+        gaps, skipped = _missing(stamp_ns, late, interval_ns, nearby, drift_ns)
+        # Samples that are missing everywhere make the usual interval look longer
+        before, moved = interval_ns, np.rint(interval_ns * skipped).astype(np.int64)
+        interval_ns, sigma_ns = _usual_interval(stamp_ns - moved)
+        if abs(interval_ns - before) * LEAST_SAMPLES < SAME * before:
+            break
     while True:
-        even = _broken_at(missing, stamp_ns, late, interval_ns, width)
+        even, interval, count = _broken_at(gaps, skipped, stamp_ns, interval_ns, width)
+        rows = _breaks(gaps, skipped)
+        length = {row: seconds for row, (_, seconds) in zip(rows, even.gaps, strict=True)}
         # Between few samples that are late by chance lines may meet, or overlap: nothing is missing
-        lacking = np.array([seconds * SECOND > interval_ns for _, seconds in even.gaps], np.bool_)
+        lacking = np.array([length[row] * SECOND > interval_ns for row in gaps.tolist()], np.bool_)
         if lacking.all():
-            return even
-        missing = missing[lacking]
+            return even, interval, count
+        gaps = gaps[lacking]
+
+
+def _breaks(gaps: IntArray, skipped: IntArray) -> list[int]:
+    """First rows after missing samples, many or few."""
+    few = np.flatnonzero(np.diff(skipped)) + 1
+    rows: list[int] = np.union1d(gaps, few).tolist()
+    return rows
 
 
 def _broken_at(
-    missing: IntArray, stamp_ns: IntArray, late: FloatArray, interval_ns: float, width: int
-) -> EvenStamps:
-    """Lines of about `width` samples that are broken before those rows."""
-    begin_ns = int(stamp_ns[0])
-    breaks = np.concatenate([[0], missing, [len(stamp_ns)]])
-    first, count, time, interval = [], [], [], []
+    gaps: IntArray, skipped: IntArray, stamp_ns: IntArray, interval_ns: float, width: int
+) -> tuple[EvenStamps, FloatArray, IntArray]:
+    """Lines of about `width` samples that are broken before those rows; see :func:`_lines`.
+
+    Parameters
+    ----------
+    gaps : ndarray of int64
+        Rows before which an unknown number of samples is missing.
+    skipped : ndarray of int64, shape (n,)
+        Samples that are missing before each row, as far as their number is known.
+    """
+    begin_ns, number = int(stamp_ns[0]), np.arange(len(stamp_ns))
+    late = (stamp_ns - begin_ns) - interval_ns * (number + skipped)
+    few = np.flatnonzero(np.diff(skipped)) + 1
+    breaks = np.concatenate([[0], gaps, [len(stamp_ns)]])
+    first, count, time, interval, piece, pieces = [], [], [], [], [], []
     for begin, end in pairwise(breaks.tolist()):
-        edges = np.linspace(begin, end, max(1, round((end - begin) / width)) + 1, dtype=int)
-        edges = edges[np.append(True, np.diff(edges) > 0)]
+        usual = np.linspace(begin, end, max(1, round((end - begin) / width)) + 1, dtype=int)
+        inside = few[np.searchsorted(few, begin, "right") : np.searchsorted(few, end)]
+        edges = np.union1d(usual, inside)
         if end - begin < LEAST_SAMPLES:
             offset = np.full(len(edges), median(late[begin:end]))
         else:
@@ -216,54 +288,127 @@ def _broken_at(
             offset = np.array(
                 [median(late[max(e - half, begin) : min(e + half, end)]) for e in edges]
             )
-        at = offset + interval_ns * edges
+        at = offset + interval_ns * (edges + skipped[np.minimum(edges, end - 1)])
+        till = offset + interval_ns * (edges + skipped[np.maximum(edges - 1, begin)])
         first += edges[:-1].tolist()
         count += np.diff(edges).tolist()
         time += at[:-1].tolist()
-        interval += (np.diff(at) / np.diff(edges)).tolist()
+        interval += ((till[1:] - at[:-1]) / np.diff(edges)).tolist()
+        ends = np.searchsorted(edges, np.unique(usual))
+        ticks = np.diff(edges[ends]) + np.diff(skipped[np.minimum(edges[ends], end - 1)])
+        piece += (interval_ns + np.diff(offset[ends]) / ticks).tolist()
+        pieces += ticks.tolist()
     start = begin_ns + np.rint(time).astype(np.int64)
-    numbers = np.arange(len(stamp_ns)) - np.repeat(first, count)
+    numbers = number - np.repeat(first, count)
     even = EvenStamps(stamp_ns[first], np.array(count), start, np.array(interval), (), 0.0, 0.0)
     times = even.times(np.repeat(np.arange(len(first)), count), numbers)
     off = (stamp_ns - times).astype(np.float64)
-    gaps = tuple(
-        (int(times[k - 1]), float(times[k] - times[k - 1]) / SECOND) for k in breaks[1:-1].tolist()
+    lacking = tuple(
+        (int(times[k - 1]), float(times[k] - times[k - 1]) / SECOND) for k in _breaks(gaps, skipped)
     )
-    return replace(even, gaps=gaps, jitter_ns=float(off.std()), most_ns=float(np.abs(off).max()))
+    even = replace(even, gaps=lacking, jitter_ns=float(off.std()), most_ns=float(np.abs(off).max()))
+    return even, np.array(piece), np.array(pieces)
 
 
-def _missing(stamp_ns: IntArray, late: FloatArray, interval_ns: float, nearby: int) -> IntArray:
-    """First samples after gaps: from there on all are later than the promptest before.
+def _missing(
+    stamp_ns: IntArray, late: FloatArray, interval_ns: float, nearby: int, drift_ns: float
+) -> tuple[IntArray, IntArray]:
+    """Where samples are missing: from there on all are later than the promptest before.
 
     A stall of the computer makes one long interval too, but then the samples that waited arrive at
-    once.
+    once. Where delays are short, even one missing sample shows: that the promptest of n is late by
+    t, with delays of which u is usual, has the probability ``exp(-n t / u)``.
+
+    Parameters
+    ----------
+    nearby : int
+        Number of samples that are compared before and after.
+    drift_ns : float
+        By which `late` may change over as many, as the interval is uncertain.
+
+    Returns
+    -------
+    gaps : ndarray of int64
+        First rows after many missing samples.
+    skipped : ndarray of int64, shape (n,)
+        Samples before each row that are missing elsewhere, a few together.
     """
-    rows = np.flatnonzero(np.diff(stamp_ns) > GAP_INTERVALS * interval_ns) + 1
+    steps = np.diff(stamp_ns)
+    # Samples that came at once waited for the last of them, which alone may be prompt
+    last = np.append(np.flatnonzero(steps > (MISSED - 1.0) * interval_ns), len(late) - 1)
+    first = np.concatenate([[0], last[:-1] + 1])
+    prompt, nearby = late[last], max(LEAST_PROMPT, nearby * len(last) // len(late))
+    rows = np.flatnonzero(steps[first[1:] - 1] > MISSED * interval_ns) + 1
+    gaps, skipped = np.empty(0, np.int64), np.zeros(len(last), np.int64)
+    for _ in range(ROUNDS):
+        blocks = prompt - interval_ns * skipped
+        blocks = blocks[: len(blocks) - len(blocks) % nearby].reshape(-1, nearby)
+        usual = float(median(blocks.mean(axis=1) - blocks.min(axis=1))) if len(blocks) else np.inf
+        before = skipped
+        gaps, skipped = _rises(prompt, rows, interval_ns, nearby, usual, drift_ns)
+        if (skipped == before).all():
+            break
+    return first[gaps], np.repeat(skipped, last - first + 1)
+
+
+def _rises(
+    late: FloatArray,
+    rows: IntArray,
+    interval_ns: float,
+    nearby: int,
+    usual_ns: float,
+    drift_ns: float,
+) -> tuple[IntArray, IntArray]:
+    """Rows from which on `late` is larger, by many intervals or by a few; see :func:`_missing`.
+
+    Parameters
+    ----------
+    late : ndarray, shape (n,)
+        Delays of the promptest samples, ns.
+    rows : ndarray of int64
+        Those that may follow missing samples.
+    nearby : int
+        Number of samples that are compared before and after.
+    usual_ns : float
+        Usual delay.
+    """
     limit = (GAP_INTERVALS - 1.0) * interval_ns
+    least = (MISSED - 1.0) * interval_ns + drift_ns
+    shown = min(max(least, PROMPT * usual_ns / nearby), limit)
     around = sliding_window_view(np.pad(late, nearby, constant_values=np.inf), nearby)
     doubtful = []
     for some in np.array_split(rows, 1 + len(rows) // ROWS):
         rise = around[some + nearby].min(axis=1) - around[some].min(axis=1)
-        doubtful += some[rise > limit].tolist()
-    missing = [0]
+        doubtful += some[rise > shown].tolist()
+    gaps, skipped, done, lost = [0], np.zeros(len(late), dtype=np.int64), 0, 0
     for row in doubtful:
+        skipped[done:row] = lost
+        done = row
         # What lies beyond the gap before says nothing
-        before, after = late[max(missing[-1], row - nearby) : row], late[row : row + nearby]
+        begin = max(gaps[-1], row - nearby)
+        before = late[begin:row] - interval_ns * skipped[begin:row]
+        after = late[row : row + nearby] - interval_ns * lost
+        rise = float(after.min() - before.min())
+        number = min(len(before), len(after))
         # At an end of the log, or soon after a gap, all may be late by chance
-        few = min(len(before), len(after)) < nearby
+        few = number < nearby
         most = limit + (3.0 * max(np.ptp(before), np.ptp(after)) if few else 0.0)
-        if after.min() - before.min() > most:
-            missing.append(row)
-    return np.array(missing[1:], dtype=np.int64)
+        shown = max(least, PROMPT * usual_ns / number)
+        if rise > most:
+            gaps.append(row)
+        elif rise > shown and shown < limit:
+            lost += max(1, round(rise / interval_ns))
+    skipped[done:] = lost
+    return np.array(gaps[1:], dtype=np.int64), skipped
 
 
-def _steady(even: EvenStamps, stamp_ns: IntArray) -> bool:
-    """Whether delays of stamps do not add up from sample to sample."""
-    whole = even.count >= LEAST_SAMPLES
+def _steady(even: EvenStamps, interval_ns: FloatArray, count: IntArray, stamp_ns: IntArray) -> bool:
+    """Whether delays of stamps do not add up from sample to sample, by the pieces of lines."""
+    whole = count >= LEAST_SAMPLES
     steps = np.minimum(np.diff(stamp_ns), LONGEST * even.usual_ns)
     if whole.sum() < 2:
-        return len(even.count) == 1 and bool(steps.std())
-    apart = ((even.interval_ns - even.usual_ns) * np.sqrt(even.count))[whole].std()
+        return len(count) == 1 and bool(steps.std())
+    apart = ((interval_ns - even.usual_ns) * np.sqrt(count))[whole].std()
     return bool(apart < STEADY * steps.std())
 
 
@@ -284,9 +429,7 @@ def _right(even: EvenStamps, imu: Imu, increments: bool) -> bool:
         slope = (imu.gyro[6:] - imu.gyro[:-6]) / (6.0 * interval)
         expected = slope * between
     # Across a gap neither rates nor times belong together
-    whole = (
-        np.convolve(np.diff(block.time_ns) > GAP_INTERVALS * even.usual_ns, np.ones(6))[5:-5] < 1
-    )
+    whole = np.convolve(np.diff(block.time_ns) > MISSED * even.usual_ns, np.ones(6))[5:-5] < 1
     residual, expected = residual[whole], expected[whole]
     square = float(np.sum(expected**2))
     if not square:

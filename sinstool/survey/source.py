@@ -318,7 +318,7 @@ def _evened(found: Survey, even: EvenStamps, options: InputOptions) -> Survey:
         gaps=gaps,
         gap_count=len(gaps),
         gap_total_s=sum(length for _, length in gaps),
-        missed=0,
+        missed=len(even.gaps) - len(gaps),
         even=even,
     )
 
