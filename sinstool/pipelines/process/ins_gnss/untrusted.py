@@ -75,14 +75,14 @@ def untrusted(
             )
         )
     if number >= LEAST_FIXES and np.isfinite(mean_nis) and not LEAST_NIS < mean_nis < MOST_NIS:
-        large = "small" if mean_nis > 1.0 else "large"
+        small = mean_nis > 1.0
         findings.append(
             Finding(
                 "sigmas-off",
                 f"squared innovations are {mean_nis:.2g} times as large as expected: the sigmas of"
-                f" the solution are too {large}",
-                answer="--gnss-noise-scale makes the fixes' sigmas "
-                + ("larger" if mean_nis > 1.0 else "smaller"),
+                " the solution are too " + ("small: do not trust them" if small else "large"),
+                Severity.LOST if small else Severity.WARNING,
+                "--gnss-noise-scale makes the fixes' sigmas " + ("larger" if small else "smaller"),
                 numbers={"mean_nis": mean_nis},
             )
         )

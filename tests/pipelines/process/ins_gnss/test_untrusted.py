@@ -119,3 +119,5 @@ def test_too_many_rejected(many, status):
 def test_sigmas_that_say_nothing(nis, word):
     (finding,) = untrusted(epochs(), [], nis, 0)
     assert finding.kind == "sigmas-off" and word in finding.text
+    # Sigmas that are too small make promises that nobody keeps
+    assert exit_status([finding]) == (3 if "small" in word else 0)
