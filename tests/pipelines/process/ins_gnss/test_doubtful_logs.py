@@ -154,6 +154,24 @@ def test_the_bias_of_a_moving_car_is_found(tmp_path, begun_in_motion, seed, velo
     assert np.sqrt(np.mean(heading**2)) < 5.0
 
 
+@pytest.mark.parametrize("begin", [0.1, 0.9])
+def test_one_fix_a_second_is_enough_for_a_start_with_a_given_attitude(tmp_path, begin):
+    """Of positions alone the first three seconds have no velocity with fixes on both sides."""
+    truth = drive(43, 120.0, rest=0.0)
+    data = record(truth, CHEAP, 43, gnss_rate=1.0, sigma=0.3)
+    first = 14.0 + begin
+    late = data.seconds >= first
+    samples = {name: getattr(data, name)[late] for name in ("seconds", "gyro", "accel")}
+    data = replace(data, fixes=data.fixes.rows(data.fixes.seconds >= first), **samples)
+    log = write(tmp_path / "log.mcap", data)
+    attitude = Rotation.from_matrix(truth.c_nb[np.argmax(late)])
+    angles = attitude.as_euler("ZYX", degrees=True)[::-1]
+    align = {"align": "fixed", "initial_attitude": tuple(angles.tolist())}
+    result, _, off, heading = navigated(log, truth, tmp_path / "out.mcap", align=align)
+    assert result.plan.mode.value == "ins-gnss" and exit_status(result.findings) == 0
+    assert np.sqrt(np.mean(off**2)) < 1.5 and np.sqrt(np.mean(heading**2)) < 5.0
+
+
 def test_motion_shows_the_bias_of_a_car_that_never_rests(tmp_path, begun_in_motion):
     truth, data, angles = begun_in_motion[41]
     early = data.seconds < 55.0
