@@ -40,6 +40,9 @@ COAST_INTERVALS = 5.0  # or this many usual intervals, whichever is longer
 # With a slow barometer the sample that confirms a jump comes just as the coast would begin.
 COAST_INTERVALS_STREAK = 7.0
 VALID_COAST = 300.0  # s
+# What the height drifts by in a coast, as an acceleration, m/s^2: cheap sensors in a tilted body
+# are off by less. A larger difference after it is a jump of the barometer.
+DRIFT = 1.0
 STEP_FADE = 20.0  # s
 # A growing time constant is the time since the start over this. With tau = t/g the error of the
 # height goes as t^m, m the largest root of (m - 2) ((m + 3g) (m - 1) + 3g^2) + g^3: -0.8 for 6,
@@ -390,7 +393,15 @@ def _engage(
             e += state[layout.S_ABSORBED]
             state[layout.S_OFFSET] -= state[layout.S_ABSORBED]
             state[layout.S_ABSORBED] = 0.0
-        record(state, events, layout.EVENT_REENGAGED, time, e, time - state[layout.S_COAST_SINCE])
+        silent = stamp - state[layout.S_LAST_USED]
+        if abs(e) > parameters[layout.P_GATE] + 0.5 * DRIFT * silent * silent:
+            state[layout.S_OFFSET] += e
+            state[layout.S_ABSORBED] = e
+            record(state, events, layout.EVENT_JUMP, time, -e, silent)
+            e = 0.0
+        else:
+            length = time - state[layout.S_COAST_SINCE]
+            record(state, events, layout.EVENT_REENGAGED, time, e, length)
     return _set_height(state, time, height, v_up, stamp, e)
 
 
