@@ -39,8 +39,9 @@ APART_S = 5.0
 KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE = 30.0, 0.5, 0.05, 0.15
 # Fixes at rest further than UNSETTLED_M, m, from where the vehicle stands, and further than noise
 # takes one of them with the probability CHANCE, show that the receiver had not settled; then fixes
-# further than noise takes them, and until a few seconds later, are left out. The second half of the rest shows where the vehicle stands,
-# if it has LEAST_FIXES, of which at most the share MOST_FAR may be far.
+# further than noise takes them, and until a few seconds later, are left out. The second half of the
+# rest shows where the vehicle stands, if it has LEAST_FIXES, of which at most the share MOST_FAR
+# may be far.
 UNSETTLED_M, CHANCE = 10.0, 0.01
 LEAST_FIXES = 10
 MOST_FAR = 0.1
