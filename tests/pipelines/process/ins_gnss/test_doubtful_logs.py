@@ -106,6 +106,18 @@ def test_a_receiver_that_wanders_at_first_moves_no_parked_car(tmp_path, sigma_v)
     assert np.sqrt(np.mean(heading[seconds > 26.0] ** 2)) < 3.0
 
 
+def test_a_rest_before_the_first_fix_is_not_said_to_be_motion(tmp_path):
+    """That the car drives when its receiver begins shows nothing for sure of what was before."""
+    truth = drive(33, 160.0, rest=30.0)
+    data = record(truth, CHEAP, 33, gnss_rate=5.0, sigma=0.8, sigma_v=0.1)
+    data = replace(data, fixes=data.fixes.rows(data.fixes.seconds > 40.0))
+    log = write(tmp_path / "log.mcap", data)
+    result, _, off, _ = navigated(log, truth, tmp_path / "out.mcap")
+    (said,) = [finding for finding in result.findings if finding.kind == "moving-rest"]
+    assert "may be steady motion" in said.text
+    assert off[-1] < 3.0
+
+
 @pytest.mark.parametrize("seed", [51, 53])
 def test_a_parked_car_whose_gyro_warms_up_shows_no_other_heading(tmp_path, seed):
     truth = drive(seed, 260.0, rest=200.0)
