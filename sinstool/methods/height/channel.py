@@ -394,7 +394,9 @@ def _engage(
             state[layout.S_OFFSET] -= state[layout.S_ABSORBED]
             state[layout.S_ABSORBED] = 0.0
         silent = stamp - state[layout.S_LAST_USED]
-        if abs(e) > parameters[layout.P_GATE] + 0.5 * DRIFT * silent * silent:
+        # A filter that corrects the host knows better how far its height may be off
+        alone = parameters[layout.P_SHADOW_TAU] > 0.0
+        if alone and abs(e) > parameters[layout.P_GATE] + 0.5 * DRIFT * silent * silent:
             state[layout.S_OFFSET] += e
             state[layout.S_ABSORBED] = e
             record(state, events, layout.EVENT_JUMP, time, -e, silent)
