@@ -372,7 +372,7 @@ def clock_of_heights(random: Random, path: Path) -> Made:
         options, began = {"mode": "ins", "height_damping": "baro", "start": late}, late
 
     def wants(result: Result) -> str:
-        jump = re.compile(r"jumped by \S+ m at ([\d.]+) s")
+        jump = re.compile(r"height reference (?:jumped|is good again).* at ([\d.]+) s")
         found = [jump.search(finding.text) for finding in result.findings]
         times = [float(match[1]) for match in found if match]
         if not times:
