@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.divergence_hunt import SENSORS
+from benchmarks.divergence_hunt import CHANGES, SENSORS
 from benchmarks.situation_parts import (
     BARE,
     CALIBRATED,
@@ -171,7 +171,7 @@ def warming_up(random: Random, path: Path) -> Made:
     """Parked for minutes with velocities of a receiver, while the gyro warms up."""
     seen, truth = Instruments.drawn(random), town(random, rest=float(random.uniform(120.0, 240.0)))
     data = seen.recorded(random, truth)
-    warm = random.standard_normal(3) * SENSORS[seen.grade].gyro_bias
+    warm = random.standard_normal(3) * min(SENSORS[seen.grade].gyro_bias, CHANGES[0])
     warm = warm * np.exp(-data.seconds[:, None] / random.uniform(30.0, 120.0))
     return finished(path, seen, replace(data, gyro=data.gyro + warm / RATE))
 
