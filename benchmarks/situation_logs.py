@@ -85,7 +85,8 @@ def wheels(random: Random, path: Path, **options: Any) -> Made:
 
 
 def wheels_named(random: Random, path: Path) -> Made:
-    return wheels(random, path, velocity_topic="/wheels/odometry")
+    made = wheels(random, path, velocity_topic="/wheels/odometry")
+    return replace(made, wants=lambda result: "")
 
 
 def wheels_dropped(random: Random, path: Path) -> Made:
