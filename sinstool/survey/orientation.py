@@ -1,7 +1,8 @@
 """Whether the orientations of an Imu topic agree with its own gravity and gyro.
 
 Numbers in another order, other axes, or another world all make unit quaternions. In the first
-seconds gravity and the gyro tell, whether the vehicle moves or not.
+seconds gravity and the gyro tell, whether the vehicle moves or not; but on one heading numbers in
+another order may be those of a level vehicle on another, until it has turned.
 """
 
 from __future__ import annotations
@@ -12,13 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.rotation import conjugate, log, multiply, rotate
+from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.alignment.still import WINDOW_NS, Windows
 
 # Windows show gravity where the specific force has its size to this share, and the rate is lower
 # than this, rad/s; at least this many are needed.
 OF_SIZE, SLOW, LEAST = 0.1, 0.5, 2
-TILT = 20.0 * DEGREE
+# A tilt, as the mean over so many windows, that no acceleration explains: one that leaves the
+# specific force its size tilts it by 25 deg at most, and manoeuvres do not last as long.
+TILT, TOGETHER = 20.0 * DEGREE, 40
 # Turns between windows are compared where their rms is at least this and none exceeds this, rad; at
 # least this many. They disagree if this share of the squares of both remains.
 LEAST_TURN, MOST_TURN, TURNS, LEFT = 0.05, 1.0, 6, 0.5
@@ -47,7 +51,8 @@ def orientation_fault(
     Parameters
     ----------
     orientations : mapping of int to ndarray, shape (4,)
-        q_nb at the middle of windows, by their number from `first_ns` on.
+        q_nb at the middle of windows, by their number from `first_ns` on. Those of the first
+        `TOGETHER` windows are compared with the gyro, too.
     """
     numbers = (windows.start_ns - first_ns) // WINDOW_NS
     rows = np.flatnonzero([int(number) in orientations for number in numbers])
@@ -58,13 +63,20 @@ def orientation_fault(
     size = np.linalg.norm(accel, axis=1)
     telling = np.abs(size / STANDARD_GRAVITY - 1.0) < OF_SIZE
     telling &= np.linalg.norm(gyro, axis=1) < SLOW
-    if np.count_nonzero(telling) >= LEAST:
-        up = rotate(q_nb[telling], accel[telling] / size[telling, None]).mean(axis=0)
+    groups = (numbers[rows] - numbers[rows[0]]) // TOGETHER
+    for group in np.unique(groups[telling]).tolist():
+        of_group = telling & (groups == group)
+        if np.count_nonzero(of_group) < LEAST:
+            continue
+        up = rotate(q_nb[of_group], accel[of_group] / size[of_group, None]).mean(axis=0)
         tilt = float(np.arccos(np.clip(-up[2] / np.linalg.norm(up), -1.0, 1.0)))
         if tilt > TILT:
-            angle = tilt / DEGREE
+            angle, at = tilt / DEGREE, group * TOGETHER * WINDOW_NS / SECOND
+            when = f"from {at:.0f} s on" if group else "in the first seconds"
             reason = f"is tilted by {angle:.0f} deg from the vertical of the accelerometer"
-            return OrientationFault(f"{reason} in the first seconds: {LIKELY}", angle)
+            return OrientationFault(f"{reason} {when}: {LIKELY}", angle)
+    first = groups == 0
+    rows, q_nb, gyro = rows[first], q_nb[first], gyro[first]
     follow = np.diff(numbers[rows]) == 1
     turned = log(multiply(conjugate(q_nb[:-1]), q_nb[1:]))[follow]
     said = (0.5 * WINDOW_NS * 1e-9 * (gyro[:-1] + gyro[1:]))[follow]

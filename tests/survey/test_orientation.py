@@ -82,6 +82,31 @@ def test_a_wrong_orientation_of_a_moving_car_is_no_first_attitude(tmp_path, on_t
     assert "--align fixed" in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("order", "heading"), [([3, 0, 1, 2], 180.0), ([0, 3, 1, 2], 180.0), ([1, 2, 3, 0], 0.0)]
+)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_numbers_in_another_order_show_once_the_vehicle_has_turned(tmp_path, seed, order, heading):
+    """On one heading they are those of a level body that goes somewhere else."""
+    random, rate = np.random.default_rng(seed), 50.0
+    t = np.arange(0.0, 150.0, 1.0 / rate)
+    turn = np.where((t > 60.0) & (t < 75.0), np.radians(6.0), 0.0)
+    yaw = np.radians(heading) + np.cumsum(turn) / rate + 0.02 * np.sin(t)
+    attitude = Rotation.from_euler("z", yaw[:, None])
+    noise = random.standard_normal((2, len(t), 3)) * [[[2e-3]], [[0.3]]]
+    gyro = np.stack([0.0 * t, 0.0 * t, turn + 0.02 * np.cos(t)], axis=1) + noise[0]
+    accel = np.array([0.0, 0.0, 9.81]) + noise[1]
+    times = even_times(len(t), rate)
+    right = imu_log(tmp_path / "r.mcap", times, gyro, accel, q_xyzw=attitude.as_quat(),
+                    covariance=0.0)  # fmt: skip
+    assert surveyed(right).orientation_fault is None
+    q = attitude.as_quat()[:, order]
+    wrong = imu_log(tmp_path / "w.mcap", times, gyro, accel, q_xyzw=q, covariance=0.0)
+    result = surveyed(wrong)
+    assert result.orientation_fault is not None and not result.oriented
+    assert "order" in result.orientation_fault.text
+
+
 def fault_of(*, roll=0.0, sense=1.0, rate=0.4, count=20, every=1):
     """Fault of the orientations of a level body that yaws to and fro, rad/s, window by window.
 
