@@ -121,10 +121,10 @@ class Tally:
             self.orientation = q[rows[0]].copy()
             self.orientation_ns = int(block.time_ns[rows[0]])
         self.orientation_varies |= bool((q[rows] != self.orientation).any())
-        # The one nearest to the middle of each window
+        # The first of each window
         rows = rows[block.time_ns[rows] < self.orientation_ns + MOST_ORIENTED_NS]
-        middles = (block.time_ns[rows] - self.first_ns - WINDOW_NS // 2) // WINDOW_NS
-        for window, row in zip(*np.unique(middles, return_index=True), strict=True):
+        windows = (block.time_ns[rows] - self.first_ns) // WINDOW_NS
+        for window, row in zip(*np.unique(windows, return_index=True), strict=True):
             if int(window) not in self.orientations:
                 self.orientations[int(window)] = q[rows[row]].copy()
                 # The cosine of half the angle, in whatever order the numbers are
