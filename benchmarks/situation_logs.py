@@ -40,7 +40,7 @@ from benchmarks.situation_parts import (
 from sinstool.api.process import Result
 from sinstool.core.finding import Severity
 from tests.helpers.imulogs import T0, imu_messages, write_log
-from tests.helpers.unseen_drives import DEG, RATE, fix_messages, moved, within
+from tests.helpers.unseen_drives import DEG, RATE, Motion, fix_messages, moved, within
 from tests.helpers.unseen_errors import slower
 from tests.pipelines.process.ins_gnss.test_doubtful_logs import knocked
 from tests.survey.test_velocity import in_body, odometry, radians_as_degrees, turned
@@ -139,8 +139,9 @@ def unsettled(
 ) -> Made:
     """A receiver that comes nearer in its first seconds, a knock, and minutes at rest."""
     truth = town(random, rest=float(random.uniform(120.0, 200.0)))
-    data = seen.recorded(random, truth, velocity)
-    data = knocked(data, random.uniform(5.0, 40.0))
+    sound = data = seen.recorded(random, truth, velocity)
+    data = knocked(data, random.uniform(5.0, 40.0))  # the truth does not know of it
+    data = replace(data, gyro=sound.gyro)
     f, until = data.fixes, random.uniform(10.0, 30.0)
     way = random.uniform(1.0, 3.0) * np.array([*_direction(random), 0.0])
     latitude, longitude, height = moved(
@@ -257,11 +258,21 @@ def rest_at_the_end(random: Random, path: Path) -> Made:
 
 
 def rest_between(random: Random, path: Path) -> Made:
-    """A car that is in motion first and last, and stands for half a minute between."""
-    truth, begin = moving(random)
+    """A car that is in motion first and last, and stands for ten seconds at least between."""
+    while True:
+        truth, begin = moving(random)
+        if _stands(truth, begin) > 10.0:
+            break
     seen = Instruments.drawn(random, BARE)
     data = cut(uncalibrated(random, seen.recorded(random, truth), 0.5 * TURNS_ALONE), begin)
     return finished(path, seen, without_gnss(data), wants=lambda result: "")
+
+
+def _stands(truth: Motion, begin: float) -> float:
+    """The longest stop after a time, s."""
+    stands = (np.linalg.norm(truth.velocity_n, axis=1) < 1e-6) & (truth.seconds > begin)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(int), [0]])))
+    return float(max(np.diff(edges)[::2], default=0)) / RATE
 
 
 # --- attitudes and axes of the log -------------------------------------------------------------

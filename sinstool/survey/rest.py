@@ -251,14 +251,15 @@ def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, l
     sigma = np.nan_to_num(gnss.sigma_position_n[:, :2].max(axis=1), nan=UNKNOWN_SIGMA_M)
     # The distance of the farthest of so many by chance, of two axes with the same sigma
     beyond = max(SIGMAS, np.sqrt(2.0 * np.log(np.count_nonzero(resting) / CHANCE)))
-    far = off > np.maximum(UNSETTLED_M, beyond * sigma)
+    usual = float(np.sqrt(median(off[late] ** 2) / (2.0 * np.log(2.0))))
+    noise = beyond * np.maximum(usual, sigma)
+    far = off > np.maximum(UNSETTLED_M, noise)
     wrong = resting & ~late & far
     # A receiver that is wrong until the end has not settled at all
     if not wrong.any() or np.mean(far[late]) > MOST_FAR:
         return gnss, []
     # It comes slowly near what it keeps to later
-    usual = float(np.sqrt(median(off[late] ** 2) / (2.0 * np.log(2.0))))
-    wrong |= resting & ~late & (off > beyond * np.maximum(usual, sigma))
+    wrong |= resting & ~late & (off > noise)
     last = gnss.time_ns[np.flatnonzero(wrong)[-1]] + round(APART_S * SECOND)
     # Nor had it before the first sample
     wrong = gnss.time_ns <= last
