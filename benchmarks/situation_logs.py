@@ -484,7 +484,7 @@ SITUATIONS = (
     Situation("--gyro-kind increment on rates", "blames --accel-unit", not_increments,
               ("--gyro-kind",)),
     Situation("the same with --accel-unit m/s^2", "ok with sigma 5700 deg",
-              not_increments_insisted, ("gravity-size",)),
+              not_increments_insisted, ("no-increments", "--gyro-kind")),
     Situation("a barometer that comes back", "-62 m to the end", held_height),
     Situation("the same beside GNSS", "-", filtered_height),
     Situation("clock of the warnings about height", "since the filter's start", clock_of_heights),
