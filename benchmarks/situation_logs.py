@@ -490,5 +490,6 @@ SITUATIONS = (
     Situation("clock of the warnings about height", "since the filter's start", clock_of_heights),
     Situation("a receiver that states too much noise", "no warning", too_cautious),
     Situation("a receiver that states too little", "97 % rejected, status 0", too_bold),
-    Situation("sensors worse than --imu-grade", "97 % rejected, status 0", wrong_grade),
+    Situation("sensors worse than --imu-grade", "97 % rejected, status 0", wrong_grade,
+              ("imu-options",)),
 )  # fmt: skip
