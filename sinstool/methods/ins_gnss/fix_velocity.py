@@ -68,7 +68,7 @@ def with_velocities(
     GnssEpochs
         Those with enough fixes around them. The sigmas of velocities follow from `sigma_m`, and
         from the excess of residuals over it, which counts as a third derivative: four times their
-        rms over half the window's length, and four times as much at its ends.
+        rms over half the window's length; with `ends` four times as much at the ends of one.
     """
     # One that is far off would spoil the velocities of all around it
     there = gnss.has_position & np.isfinite(gnss.height)
@@ -86,8 +86,8 @@ def with_velocities(
     position = np.stack([north, east, -(rows.height - rows.height[0])], axis=1)
     half = _half(t, sigma_m)
     velocity, sigma, good = np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.bool_)
-    short = 0.5 * (LEAST - 1) * float(median(np.diff(t))) if ends else 0.0
-    middle = np.clip(t, short, max(t[-1] - short, short))
+    short = 0.5 * (LEAST - 1) * float(median(np.diff(t)))
+    middle = np.clip(t, short, max(t[-1] - short, short)) if ends and short > 0.5 * half else t
     for begin in range(0, n, BLOCK):
         here = np.arange(begin, min(begin + BLOCK, n))
         velocity[here], sigma[here], good[here] = _slopes(t, position, middle, here, half, sigma_m)
@@ -183,11 +183,13 @@ def _slopes(
     # Twice what noise leaves is still noise
     bent = np.maximum(left - 2.0 * sigma_m**2 * np.maximum(count - 3.0, 1.0)[:, None], 0.0)
     bend = 4.0 * np.sqrt(bent / np.maximum(count, 1.0)[:, None])
-    long = 0.5 * (ends[:, 1] - ends[:, 0])
-    long[long == 0.0] = 1.0
+    reached = np.abs(ends).max(axis=1)
+    bend /= np.where(reached > 0.0, reached, 1.0)[:, None]
+    aside = middle[here] != t[here]
     # Of a third derivative the slope misses the more, the nearer to an end of the window
-    apart = 0.5 * (ends[:, 1] + ends[:, 0]) / long
-    bend *= (np.maximum(1.0, 5.0 * apart**2 - 1.0) / long)[:, None]
+    long, off = 0.5 * (ends[aside, 1] - ends[aside, 0]), 0.5 * (ends[aside, 1] + ends[aside, 0])
+    more = np.maximum(1.0, 5.0 * (off / np.maximum(long, 1e-9)) ** 2 - 1.0)
+    bend[aside] *= (more * reached[aside] / np.maximum(long, 1e-9))[:, None]
     sigma = np.hypot(sigma_m * np.sqrt(np.abs(inverse[:, 1, 1]))[:, None], bend)
     return fitted[:, 1], np.maximum(sigma, LEAST_SIGMA), good
 
