@@ -64,8 +64,9 @@ class Result:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The texts of all findings that are more than notes."""
-        return tuple(str(f) for f in self.findings if f.severity > Severity.NOTE)
+        """The texts of all findings that are more than notes, the gravest first."""
+        worst_first = sorted(self.findings, key=lambda f: -f.severity)
+        return tuple(str(f) for f in worst_first if f.severity > Severity.NOTE)
 
     def to_json(self) -> dict[str, Any]:
         """The values of ``--json``, with the name and version of their schema."""

@@ -27,7 +27,13 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
-from sinstool.survey.grade import measured_noise, random_walks, sensor_grade, walk_in
+from sinstool.survey.grade import (
+    measured_noise,
+    random_walks,
+    sensor_grade,
+    stated_grade_denied,
+    walk_in,
+)
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
 from sinstool.survey.needs import has_gnss
 from sinstool.survey.oddities import steady_force, usual_force
@@ -185,6 +191,8 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     algorithm = choose_algorithm(source, config)
     attitude = _attitude(source, config, mode.value, grade.grade)
     magnetic, doubts = _magnetometer(source, config, attitude, alignment)
+    if filter_start is None:  # a filter tells itself
+        doubts = (*doubts, *stated_grade_denied(source, config))
     if magnetic.topic:
         reason = first.reason.replace(NO_NORTH, "only the magnetometer shows north")
         first = replace(first, reason=reason)

@@ -223,12 +223,15 @@ def course_findings(
     numbers = {"ratio": ratio, "explained": evidence.explained}
     turned = f"the course over ground turned by {evidence.turned_rad / DEGREE:.0f} deg in all, "
     if _near(abs(ratio), DEGREE):
+        answer = "add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)"
+        if options.gyro_kind == "increment":
+            answer = f"leave out --gyro-kind increment, or {answer}"
         yield Finding(
             "course-gyro-unit",
             f"topic {topic}: {turned}{1.0 / abs(ratio):.0f} times less than the gyro about the"
             " vertical: its rates are in deg/s",
             severity=Severity.FAILED if options.gyro_unit is None else Severity.WARNING,
-            answer="add --gyro-unit deg/s (or --gyro-unit rad/s if the log is right)",
+            answer=answer,
             topic=topic,
             numbers=numbers,
         )

@@ -10,6 +10,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import EARTH_RATE
+from sinstool.core.finding import Finding
 from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
 from sinstool.methods.sensor_errors import (
     IMU_GRADES,
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 # Steps between values larger than this many times the noise hide it.
 COARSE = 2.0
+# Noise at rest that exceeds that of a stated grade by this factor contradicts it.
+NOISIER = 3.0
 REST_S = 30.0  # shortest rest whose mean rate is a bias
 BRIEF_REST_S = 10.0  # the same in a log without GNSS, which could show that it is none
 CHANCE_SIGMAS = 2.0  # a bias may be larger by so many sigmas of the noise at rest
@@ -118,6 +121,26 @@ def random_walks(source: Source, least_s: float = 0.0) -> tuple[float, float] | 
     # the mean interval, as the median of stamps that come in bursts says nothing
     axis = np.sqrt(longest.duration_s / longest.samples / 3.0)
     return float(longest.gyro_std * axis), float(longest.accel_std * axis)
+
+
+def stated_grade_denied(source: Source, config: ProcessConfig) -> list[Finding]:
+    """A warning of gyros that are far noisier at rest than those of the stated grade."""
+    stated, shown = config.navigation.imu_grade, random_walk(source)
+    if stated == "auto" or shown is None:
+        return []
+    assumed = IMU_GRADES[stated].angle_random_walk
+    if shown < NOISIER * assumed:
+        return []
+    shown, assumed = shown / DEGREE_PER_ROOT_HOUR, assumed / DEGREE_PER_ROOT_HOUR
+    return [
+        Finding(
+            "imu-options",
+            f"the gyro's noise at rest is {shown:.2g} deg/sqrt(h), that of --imu-grade {stated}"
+            f" {assumed:.2g}: the attitude is computed as if the gyros were better than they are",
+            answer="leave --imu-grade out, unless an engine shakes the Imu at rest",
+            numbers={"deg_sqrt_h": shown},
+        )
+    ]
 
 
 def random_walk(source: Source, least_s: float = 0.0) -> float | None:

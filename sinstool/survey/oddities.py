@@ -72,7 +72,21 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             severity=Severity.FAILED,
         )
         return
-    if options.gyro_unit == "deg/s":
+    force = s.specific_force_median
+    if _looks_like_rates(s, options):
+        # What their size says of units is then wrong
+        insists = options.accel_unit is not None
+        yield Finding(
+            "no-increments",
+            f"topic {s.topic}: the specific force is {force:.3g} m/s^2 in size, or"
+            f" {force / _rate(s, options):.2f} if samples are not increments over their intervals",
+            answer="leave out --gyro-kind increment, or give --gyro-kind mean-rate"
+            + ("" if insists else " (or --accel-unit m/s^2 if the log is right)"),
+            severity=Severity.WARNING if insists else Severity.FAILED,
+        )
+        if not insists:
+            return
+    elif options.gyro_unit == "deg/s":
         yield from _degrees(s)
     elif gyro_looks_like_degrees(s.gyro_unit, s.gyro_max):
         if turns_like_degrees(s.gyro_unit):
@@ -112,7 +126,6 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             " as rad/s, but gravity in the body shows as little of such a spin as of one in deg/s",
             answer="add --gyro-unit deg/s or --gyro-unit rad/s, whichever is right",
         )
-    force = s.specific_force_median
     if accel_looks_like_g(force):
         text = f"topic {s.topic}: the specific force is {force:.3f} in size, as in units of g"
         if options.accel_unit is None:
@@ -130,15 +143,6 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f"topic {s.topic}: the specific force is {force:.0f} in size, as in units of mg or"
             " cm/s^2",
             answer="convert the log to m/s^2 (or add --accel-unit m/s^2 if it is right)",
-            severity=Severity.FAILED,
-        )
-    elif options.gyro_kind == "increment" and _looks_like_rates(s, options):
-        yield Finding(
-            "no-increments",
-            f"topic {s.topic}: the specific force is {force:.3g} m/s^2 in size, or"
-            f" {force / _rate(s, options):.2f} if samples are not increments over their intervals",
-            answer="leave out --gyro-kind increment, or give --gyro-kind mean-rate (or"
-            " --accel-unit m/s^2 if the log is right)",
             severity=Severity.FAILED,
         )
     elif _looks_like_increments(s, options):
@@ -222,7 +226,7 @@ def _rate(s: Survey, options: InputOptions) -> float:
 def _looks_like_rates(s: Survey, options: InputOptions) -> bool:
     """Whether increments over their intervals must be specific forces, in m/s^2 or in g."""
     low, high = GRAVITY_SIZES
-    if options.accel_unit is not None or low < s.specific_force_median < high:
+    if options.gyro_kind != "increment" or low < s.specific_force_median < high:
         return False
     force = s.specific_force_median / _rate(s, options)
     return low < force < high or accel_looks_like_g(force)

@@ -38,9 +38,10 @@ APART_S = 5.0
 # specific force, m/s^2, by no more than this.
 KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE = 30.0, 0.5, 0.05, 0.15
 # Fixes at rest further than UNSETTLED_M, m, from where the vehicle stands, and further than noise
-# takes one of them with the probability CHANCE, show that the receiver had not settled; fixes until
-# a few seconds later are left out, too. The second half of the rest shows where the vehicle stands,
-# if it has LEAST_FIXES, of which at most the share MOST_FAR may be far.
+# takes one of them with the probability CHANCE, show that the receiver had not settled; then fixes
+# further than noise takes them, and until a few seconds later, are left out. The second half of the
+# rest shows where the vehicle stands, if it has LEAST_FIXES, of which at most the share MOST_FAR
+# may be far.
 UNSETTLED_M, CHANCE = 10.0, 0.01
 LEAST_FIXES = 10
 MOST_FAR = 0.1
@@ -234,12 +235,12 @@ def calmer(spans: Iterable[StillSpan], than: StillSpan) -> list[StillSpan]:
 
 
 def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, list[Finding]]:
-    """GNSS without the fixes at rest from before the receiver settled.
+    """GNSS without the fixes from before the receiver settled.
 
     Parameters
     ----------
     start_ns, end_ns : int
-        Of the rest, in which GNSS shows no motion.
+        Of the rest at the beginning, in which GNSS shows no motion.
     """
     resting = (gnss.time_ns >= start_ns) & (gnss.time_ns <= end_ns)
     late = resting & gnss.has_position & (gnss.time_ns >= (start_ns + end_ns) // 2)
@@ -250,13 +251,18 @@ def settled(gnss: GnssEpochs, start_ns: int, end_ns: int) -> tuple[GnssEpochs, l
     sigma = np.nan_to_num(gnss.sigma_position_n[:, :2].max(axis=1), nan=UNKNOWN_SIGMA_M)
     # The distance of the farthest of so many by chance, of two axes with the same sigma
     beyond = max(SIGMAS, np.sqrt(2.0 * np.log(np.count_nonzero(resting) / CHANCE)))
-    far = off > np.maximum(UNSETTLED_M, beyond * sigma)
+    usual = float(np.sqrt(median(off[late] ** 2) / (2.0 * np.log(2.0))))
+    noise = beyond * np.maximum(usual, sigma)
+    far = off > np.maximum(UNSETTLED_M, noise)
     wrong = resting & ~late & far
     # A receiver that is wrong until the end has not settled at all
     if not wrong.any() or np.mean(far[late]) > MOST_FAR:
         return gnss, []
+    # It comes slowly near what it keeps to later
+    wrong |= resting & ~late & (off > noise)
     last = gnss.time_ns[np.flatnonzero(wrong)[-1]] + round(APART_S * SECOND)
-    wrong = resting & (gnss.time_ns <= last)
+    # Nor had it before the first sample
+    wrong = gnss.time_ns <= last
     text = (
         f"{np.count_nonzero(wrong)} fixes up to {(last - start_ns) / SECOND:.1f} s, as far as"
         f" {np.nanmax(off[wrong]):.0f} m from where the vehicle rests, are left out: the receiver"

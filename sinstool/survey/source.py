@@ -197,10 +197,13 @@ def _truly_at_rest(survey_: Survey, aiding: AidingData) -> tuple[Survey, AidingD
     if speed is None:
         gnss, findings = settled(gnss, rest.start_ns, end_ns)
         return survey_, replace(aiding, gnss=gnss), findings
-    text = (
-        f"the Imu seems at rest for the first {rest.duration_s:.1f} s, but GNSS moves at"
-        f" {speed:.1f} m/s: this is steady motion, not rest"
-    )
+    seems = f"the Imu seems at rest for the first {rest.duration_s:.1f} s"
+    text = f"{seems}, but GNSS moves at {speed:.1f} m/s: this is steady motion, not rest"
+    if gnss.time_ns[0] > end_ns:
+        text = (
+            f"{seems}, but the first fixes, which come after it, move at {speed:.1f} m/s: it may"
+            " be steady motion, and is not taken for rest"
+        )
     finding = Finding("moving-rest", text, numbers={"speed_m_s": speed})
     return replace(survey_, lead_in=None), aiding, [finding]
 

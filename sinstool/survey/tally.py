@@ -27,8 +27,11 @@ NEAR_STEPS = 8.0
 # A calibration spreads the end of a gyro's range: values above CROWD, as a share of the largest,
 # are at the end, and those from BELOW_CROWD to it show how many values are usual there.
 CROWD, BELOW_CROWD = 0.98, 0.90
-# Orientations are kept of this long, one of each window, to be compared with the other sensors.
-ORIENTED_NS = 20_000_000_000
+# Orientations are kept of this long, one of each window, to be compared with the other sensors; and
+# for longer, up to a limit, until LEAST_TURNED of them are turned by 60 deg from the first: on one
+# heading wrong ones may look right.
+ORIENTED_NS, MOST_ORIENTED_NS = 20_000_000_000, 300_000_000_000
+LEAST_TURNED, COS_TURNED = 20, 0.866
 
 
 @dataclass
@@ -55,14 +58,16 @@ class Tally:
     orientation_ns: int = 0
     orientation_varies: bool = False
     orientations: dict[int, np.ndarray] = field(default_factory=dict)
+    turned: int = 0
     last_log: int = np.iinfo(np.int64).min
     log_descents: int = 0
 
     def wants_orientation(self) -> bool:
-        """Whether more orientations are of use: of the first seconds, or to see if they vary."""
+        """Whether more orientations are of use: see `ORIENTED_NS`; and to see if they vary."""
         if self.orientation is None or not self.orientation_varies:
             return True
-        return self.last_ns < self.orientation_ns + ORIENTED_NS
+        most = ORIENTED_NS if self.turned >= LEAST_TURNED else MOST_ORIENTED_NS
+        return self.last_ns < self.orientation_ns + most
 
     def add(self, block: Imu) -> None:
         """Add a block of ordered samples."""
@@ -116,11 +121,14 @@ class Tally:
             self.orientation = q[rows[0]].copy()
             self.orientation_ns = int(block.time_ns[rows[0]])
         self.orientation_varies |= bool((q[rows] != self.orientation).any())
-        # The one nearest to the middle of each window
-        rows = rows[block.time_ns[rows] < self.orientation_ns + ORIENTED_NS]
-        middles = (block.time_ns[rows] - self.first_ns - WINDOW_NS // 2) // WINDOW_NS
-        for window, row in zip(*np.unique(middles, return_index=True), strict=True):
-            self.orientations.setdefault(int(window), q[rows[row]].copy())
+        # The first of each window
+        rows = rows[block.time_ns[rows] < self.orientation_ns + MOST_ORIENTED_NS]
+        windows = (block.time_ns[rows] - self.first_ns) // WINDOW_NS
+        for window, row in zip(*np.unique(windows, return_index=True), strict=True):
+            if int(window) not in self.orientations:
+                self.orientations[int(window)] = q[rows[row]].copy()
+                # The cosine of half the angle, in whatever order the numbers are
+                self.turned += abs(float(q[rows[row]] @ self.orientation)) < COS_TURNED
 
     def quantile(self, share: float) -> float:
         """Interval below which a share of all intervals lies: the mean of its histogram bin."""

@@ -12,7 +12,7 @@ from sinstool.pipelines.align.log import align_log
 from sinstool.pipelines.info.run import inspect
 from sinstool.pipelines.process.run import plan_of, process
 from tests.helpers.filter_logs import simulated
-from tests.helpers.imulogs import REAL, even_times, imu_log
+from tests.helpers.imulogs import REAL, even_times, imu_log, resting
 from tests.helpers.logs import real
 from tests.helpers.unseen_drives import PERFECT, drive, record, write
 from tests.survey.test_velocity import odometry
@@ -135,6 +135,18 @@ def test_a_finding_about_a_log_does_not_repeat_its_name(tmp_path):
     (finding,) = [f for f in plan_of(log, ProcessConfig()).findings if f.kind == "no-ins-gnss"]
     assert str(log) not in finding.text and "log.mcap" not in finding.text
     assert "--align" in finding.answer and "--align" not in finding.text
+
+
+@pytest.mark.parametrize(
+    ("stated", "denied"),
+    [("navigation", True), ("tactical", True), ("mems", False), ("auto", False)],
+)
+def test_a_grade_that_noise_at_rest_denies_is_said_without_a_filter(tmp_path, stated, denied):
+    log = imu_log(tmp_path / "log.mcap", even_times(3000, 100.0), *resting(3000, seed=2))
+    plan = plan_of(log, build(ProcessConfig, {"navigation": {"imu_grade": stated}}))
+    said = [f for f in plan.findings if f.kind == "imu-options"]
+    assert bool(said) == denied
+    assert not denied or (stated in said[0].text and "--imu-grade" in said[0].answer)
 
 
 def test_a_span_without_fixes_withholds_nothing(tmp_path):

@@ -411,7 +411,21 @@ def test_other_kinds_of_gyro(rows, findings_of, kind):
 def test_rates_read_as_increments_are_refused_with_the_option_that_is_wrong(rows, findings_of):
     odd = findings_of(rows, gyro_kind="increment")["no-increments"]
     assert is_fatal(odd) and "--gyro-kind" in odd.answer and "or 9." in odd.text
-    assert "gravity-size" in findings_of(rows, gyro_kind="increment", accel_unit="m/s^2")
+    insisted = findings_of(rows, gyro_kind="increment", accel_unit="m/s^2")
+    assert "gravity-size" in insisted and not is_fatal(insisted["no-increments"])
+    # nor is another unit of the rates the answer, fast as they seem
+    rows.gyro = 5.0 * rows.gyro
+    for unit in (None, "m/s^2"):
+        said = findings_of(rows, gyro_kind="increment", accel_unit=unit)
+        assert "gyro-unit" not in said and "--gyro-kind" in said["no-increments"].answer
+
+
+def test_rates_at_100_hz_read_as_increments_look_like_another_unit(rows, findings_of):
+    """982 m/s^2 was taken for cm/s^2, and the log was to be converted."""
+    rows.times = rows.times[0] + 2 * (rows.times - rows.times[0])
+    rows.log = rows.times
+    said = findings_of(rows, gyro_kind="increment")
+    assert "accel-unit" not in said and is_fatal(said["no-increments"])
 
 
 @pytest.mark.parametrize(("axes", "sign"), [("flu", -1.0), ("frd", 1.0)])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from sinstool.config import InputOptions, ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.errors import AlignmentError
-from sinstool.core.rotation import from_euler
+from sinstool.core.rotation import exp, from_dcm, from_euler
 from sinstool.io.readers import open_log
 from sinstool.io.readers.topics import choose_imu
 from sinstool.methods.alignment.still import WINDOW_NS
@@ -17,7 +17,9 @@ from sinstool.pipelines.process.run import plan_of
 from sinstool.survey.orientation import orientation_fault
 from sinstool.survey.source import survey_samples
 from tests.helpers.imulogs import T0, even_times, handheld, imu_log, in_log_axes
-from tests.helpers.unseen_drives import RATE, drive
+from tests.helpers.unseen_drives import RATE, drive, flight, multicopter, walk
+from tests.helpers.unseen_vehicles import VEHICLES
+from tests.survey.test_course import windows
 
 N, HAND_RATE = 3000, 100.0
 
@@ -82,22 +84,68 @@ def test_a_wrong_orientation_of_a_moving_car_is_no_first_attitude(tmp_path, on_t
     assert "--align fixed" in str(refused.value)
 
 
-def fault_of(*, roll=0.0, sense=1.0, rate=0.4, count=20, every=1):
+@pytest.mark.parametrize(
+    ("order", "heading"), [([3, 0, 1, 2], 180.0), ([0, 3, 1, 2], 180.0), ([1, 2, 3, 0], 0.0)]
+)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_numbers_in_another_order_show_once_the_vehicle_has_turned(tmp_path, seed, order, heading):
+    """On one heading they are those of a level body that goes somewhere else."""
+    random, rate = np.random.default_rng(seed), 50.0
+    t = np.arange(0.0, 150.0, 1.0 / rate)
+    turn = np.where((t > 60.0) & (t < 75.0), np.radians(6.0), 0.0)
+    yaw = np.radians(heading) + np.cumsum(turn) / rate + 0.02 * np.sin(t)
+    attitude = Rotation.from_euler("z", yaw[:, None])
+    noise = random.standard_normal((2, len(t), 3)) * [[[2e-3]], [[0.3]]]
+    gyro = np.stack([0.0 * t, 0.0 * t, turn + 0.02 * np.cos(t)], axis=1) + noise[0]
+    accel = np.array([0.0, 0.0, 9.81]) + noise[1]
+    times = even_times(len(t), rate)
+    right = imu_log(tmp_path / "r.mcap", times, gyro, accel, q_xyzw=attitude.as_quat(),
+                    covariance=0.0)  # fmt: skip
+    assert surveyed(right).orientation_fault is None
+    q = attitude.as_quat()[:, order]
+    wrong = imu_log(tmp_path / "w.mcap", times, gyro, accel, q_xyzw=q, covariance=0.0)
+    result = surveyed(wrong)
+    assert result.orientation_fault is not None and not result.oriented
+    assert "order" in result.orientation_fault.text
+
+
+@pytest.mark.parametrize("vehicle", [flight, walk, multicopter, *VEHICLES.values()])
+def test_right_orientations_agree_whatever_the_vehicle_does(vehicle):
+    """A glider that circles looked tilted, and what shakes seemed to turn differently."""
+    for seed in range(5):
+        truth = vehicle(seed, 320.0)
+        seen = windows(truth)
+        begins = np.searchsorted(truth.seconds, (seen.start_ns - T0) * 1e-9 - 1e-6)
+        numbers = ((seen.start_ns - seen.start_ns[0]) // WINDOW_NS).tolist()
+        q_nb = dict(zip(numbers, from_dcm(truth.c_nb[begins]), strict=True))
+        assert orientation_fault(q_nb, int(seen.start_ns[0]), seen) is None, seed
+
+
+def test_a_banked_turn_is_no_tilt():
+    """Of 24 deg, in which the specific force is all but of gravity's size, and half a circle."""
+    assert fault_of(roll=0.0, banked=24.0) is None
+
+
+def fault_of(*, roll=0.0, sense=1.0, rate=0.4, count=20, every=1, banked=0.0):
     """Fault of the orientations of a level body that yaws to and fro, rad/s, window by window.
 
     They are rolled by so many deg, and turn by `sense` times as much; of `every` windows one has
-    an orientation.
+    an orientation. A body that is banked, deg, feels its own down.
     """
     rates = rate * np.sin(0.6 * np.arange(count))
-    yaw = sense * np.cumsum(np.append(0.0, 0.25 * (rates[1:] + rates[:-1])))
-    angles = np.stack([np.full(count, np.radians(roll)), np.zeros(count), yaw], axis=1)
+    yaw = sense * np.cumsum(np.append(0.0, 0.5 * rates[:-1]))
+    angles = np.stack([np.full(count, np.radians(roll + banked)), np.zeros(count), yaw], axis=1)
     zero = np.zeros(count)
-    windows = SimpleNamespace(
+    gyro = np.stack([zero, zero, rates], axis=1)
+    accel = np.tile([0.0, 0.0, -9.8 / np.cos(np.radians(banked))], (count, 1))
+    seen = SimpleNamespace(
         start_ns=T0 + WINDOW_NS * np.arange(count),
-        gyro=np.stack([zero, zero, rates], axis=1),
-        accel=np.tile([0.0, 0.0, -9.8], (count, 1)),
+        gyro=gyro,
+        accel=accel,
+        force=accel[None],
+        turn=exp(0.5 * gyro)[None],
     )
-    return orientation_fault(dict(list(enumerate(from_euler(angles)))[::every]), T0, windows)
+    return orientation_fault(dict(list(enumerate(from_euler(angles)))[::every]), T0, seen)
 
 
 def test_the_tilt_of_wrong_orientations_is_reported():

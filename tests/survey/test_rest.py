@@ -81,6 +81,24 @@ def test_the_farthest_of_many_fixes_is_no_sign_of_a_receiver_that_has_not_settle
     assert told <= 5
 
 
+@pytest.mark.parametrize(
+    ("speed", "sigma"), [(0.7, 0.05), (1.4, 0.05), (3.0, 0.05), (1.4, 2.0), (3.0, 2.0)]
+)
+def test_what_a_receiver_says_until_it_has_settled_is_left_out(speed, sigma):
+    """Its last metres are slow, and its first fixes may be older than the first sample."""
+    time_ns = np.arange(0, 200 * SECOND, SECOND // 5)
+    coming = np.maximum(30.0 - time_ns / SECOND, 0.0) * speed
+    for seed in range(10):
+        noise = sigma * np.random.default_rng(seed).standard_normal(len(time_ns))
+        gnss = straight(time_ns, away=coming + noise)
+        gnss = dataclasses.replace(gnss, sigma_position_n=np.full((len(time_ns), 3), sigma))
+        kept, findings = settled(gnss, 8 * SECOND, int(time_ns[-1]))
+        assert len(findings) == 1
+        off = speed * np.maximum(30.0 - kept.time_ns / SECOND, 0.0)
+        assert off.max() < max(3.0 * sigma, 0.2), (seed, kept.time_ns[0] / SECOND)
+        assert kept.time_ns[0] < 60 * SECOND
+
+
 def shaken(seed, parked=60.0, rock=0.0, rate=100.0):
     """An Imu that an engine shakes, parked and then driven off: its windows and its fixes.
 

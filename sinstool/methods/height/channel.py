@@ -35,11 +35,16 @@ GATE_MEMORY = 30.0  # s, time constant of the running RMS of accepted difference
 RECENT = 1.0  # s, time constant of their running mean, which is subtracted from a jump
 JUMP_SAMPLES = 5  # consecutive rejected samples that agree make a jump of the barometer
 JUMP_TIME = 0.75  # s, and they span at least this long
+# m, and they agree to this: a barometer that still moves has not jumped yet.
+LEVEL = 4.0
 COAST_TIME = 2.0  # s without a good sample before a coast
 COAST_INTERVALS = 5.0  # or this many usual intervals, whichever is longer
 # With a slow barometer the sample that confirms a jump comes just as the coast would begin.
 COAST_INTERVALS_STREAK = 7.0
 VALID_COAST = 300.0  # s
+# What the height drifts by in a coast, as an acceleration, m/s^2: cheap sensors in a tilted body
+# are off by less. A larger difference after it is a jump of the barometer.
+DRIFT = 1.0
 STEP_FADE = 20.0  # s
 # A growing time constant is the time since the start over this. With tau = t/g the error of the
 # height goes as t^m, m the largest root of (m - 2) ((m + 3g) (m - 1) + 3g^2) + g^3: -0.8 for 6,
@@ -239,6 +244,9 @@ def baro_sample(
             state[layout.S_WAITING_STAMP] = stamp
             state[layout.S_COUNTS + layout.WAITING] += 1.0
             return layout.NOTHING, 0.0, 0.0
+        if _too_far(state, parameters, stamp, e) and not _is_level(state, stamp, e):
+            state[layout.S_COUNTS + layout.GATE] += 1.0
+            return layout.NOTHING, 0.0, 0.0
         dh = _engage(state, parameters, events, time, height, v_up, stamp, e)
         state[layout.S_COUNTS + layout.ACCEPTED] += 1.0
         return layout.RESET if dh != 0.0 else layout.CORRECTED, dh, 0.0
@@ -250,18 +258,11 @@ def baro_sample(
     gate += 0.25 * parameters[layout.P_START_SPEED] * quick * math.exp(-0.5 * since / quick)
     what = layout.CORRECTED
     if abs(e) > gate:
-        count = state[layout.S_STREAK]
-        if count == 0.0 or abs(e - state[layout.S_STREAK_SUM] / count) > gate:
-            count = 0.0
-            state[layout.S_STREAK_SINCE] = stamp
-            state[layout.S_STREAK_SUM] = 0.0
-        state[layout.S_STREAK] = count + 1.0
-        state[layout.S_STREAK_SUM] += e
         length = stamp - state[layout.S_STREAK_SINCE]
-        if count + 1.0 < JUMP_SAMPLES or length < JUMP_TIME - ROUNDING:
+        if not _is_level(state, stamp, e):
             state[layout.S_COUNTS + layout.GATE] += 1.0
             return layout.NOTHING, 0.0, 0.0
-        jump = state[layout.S_STREAK_SUM] / (count + 1.0) - state[layout.S_RECENT]
+        jump = state[layout.S_STREAK_SUM] / state[layout.S_STREAK] - state[layout.S_RECENT]
         if _undone(parameters, jump, state[layout.S_TAKEN]):
             # The height had followed the jump that this one takes back, and returns with it.
             record(state, events, layout.EVENT_RETURNED, time, -jump, length)
@@ -390,8 +391,42 @@ def _engage(
             e += state[layout.S_ABSORBED]
             state[layout.S_OFFSET] -= state[layout.S_ABSORBED]
             state[layout.S_ABSORBED] = 0.0
-        record(state, events, layout.EVENT_REENGAGED, time, e, time - state[layout.S_COAST_SINCE])
+        if _too_far(state, parameters, stamp, e):
+            silent = stamp - state[layout.S_LAST_USED]
+            state[layout.S_OFFSET] += e
+            state[layout.S_ABSORBED] = e
+            record(state, events, layout.EVENT_JUMP, time, -e, silent)
+            e = 0.0
+        else:
+            length = time - state[layout.S_COAST_SINCE]
+            record(state, events, layout.EVENT_REENGAGED, time, e, length)
     return _set_height(state, time, height, v_up, stamp, e)
+
+
+@part()
+def _is_level(state: FloatArray, stamp: float, e: float) -> bool:
+    """Whether enough differences in a row, this one included, agree."""
+    count = state[layout.S_STREAK]
+    if count == 0.0 or abs(e - state[layout.S_STREAK_SUM] / count) > LEVEL:
+        count = 0.0
+        state[layout.S_STREAK_SINCE] = stamp
+        state[layout.S_STREAK_SUM] = 0.0
+    state[layout.S_STREAK] = count + 1.0
+    state[layout.S_STREAK_SUM] += e
+    long = stamp - state[layout.S_STREAK_SINCE] >= JUMP_TIME - ROUNDING
+    return count + 1.0 >= JUMP_SAMPLES and long
+
+
+@part()
+def _too_far(state: FloatArray, parameters: FloatArray, stamp: float, e: float) -> bool:
+    """Whether a difference after a coast is more than the height drifts by.
+
+    A filter that corrects the host knows better how far its height may be off.
+    """
+    silent = stamp - state[layout.S_LAST_USED]
+    most = parameters[layout.P_GATE] + 0.5 * DRIFT * silent * silent
+    coasts = state[layout.S_PHASE] == layout.COAST and parameters[layout.P_SHADOW_TAU] > 0.0
+    return coasts and abs(e) > most
 
 
 @part()

@@ -45,7 +45,9 @@ BOUND_S, LEAST_LONG = (2.0, 20.0), 4.0
 BLOCK = 2**14
 
 
-def with_velocities(gnss: GnssEpochs, sigma_m: float, wander: float | None = None) -> GnssEpochs:
+def with_velocities(
+    gnss: GnssEpochs, sigma_m: float, wander: float | None = None, ends: bool = False
+) -> GnssEpochs:
     """Epochs with velocities derived from their positions.
 
     Parameters
@@ -58,13 +60,15 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float, wander: float | None = Non
         Change of a slowly varying error of positions within a second, m. With it the sigmas are
         those for a filter that takes the noise of velocities for white: velocities within half a
         window are from the same fixes, and count as one.
+    ends : bool
+        The first and last fixes, too, where windows about them hold too few.
 
     Returns
     -------
     GnssEpochs
         Those with enough fixes around them. The sigmas of velocities follow from `sigma_m`, and
         from the excess of residuals over it, which counts as a third derivative: four times their
-        rms over half the window's length.
+        rms over half the window's length; with `ends` four times as much at the ends of one.
     """
     # One that is far off would spoil the velocities of all around it
     there = gnss.has_position & np.isfinite(gnss.height)
@@ -82,9 +86,11 @@ def with_velocities(gnss: GnssEpochs, sigma_m: float, wander: float | None = Non
     position = np.stack([north, east, -(rows.height - rows.height[0])], axis=1)
     half = _half(t, sigma_m)
     velocity, sigma, good = np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.bool_)
+    short = 0.5 * (LEAST - 1) * float(median(np.diff(t)))
+    middle = np.clip(t, short, max(t[-1] - short, short)) if ends and short > 0.5 * half else t
     for begin in range(0, n, BLOCK):
         here = np.arange(begin, min(begin + BLOCK, n))
-        velocity[here], sigma[here], good[here] = _slopes(t, position, here, half, sigma_m)
+        velocity[here], sigma[here], good[here] = _slopes(t, position, middle, here, half, sigma_m)
     if wander is not None:
         sigma = np.sqrt(sigma**2 + _shared(t, half, sigma_m, wander))
     return replace(rows, velocity_n=velocity, sigma_velocity_n=sigma).rows(good)
@@ -146,13 +152,24 @@ def stated_sigma(gnss: GnssEpochs) -> float:
 
 
 def _slopes(
-    t: np.ndarray, position: np.ndarray, here: np.ndarray, half: float, sigma_m: float
+    t: np.ndarray,
+    position: np.ndarray,
+    middle: np.ndarray,
+    here: np.ndarray,
+    half: float,
+    sigma_m: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slopes of the parabolas about some of the fixes, their sigmas, and which are any good."""
+    """Slopes of the parabolas at some of the fixes, their sigmas, and which are any good.
+
+    Parameters
+    ----------
+    middle : ndarray, shape (n,)
+        Times about which the windows of all fixes lie.
+    """
     size = len(here)
     moments, right = np.zeros((size, 5)), np.zeros((size, 3, 3))
-    squares, reached = np.zeros((size, 3)), np.zeros(size)
-    _sums(t, position, int(here[0]), half, moments, right, squares, reached)
+    squares, ends = np.zeros((size, 3)), np.zeros((size, 2))
+    _sums(t, position, middle, int(here[0]), half, moments, right, squares, ends)
     count = moments[:, 0]
     normal = moments[:, np.arange(3)[:, None] + np.arange(3)[None, :]]
     spread = moments[:, 2] > 0.25 * half**2 * LEAST / 3.0
@@ -166,7 +183,13 @@ def _slopes(
     # Twice what noise leaves is still noise
     bent = np.maximum(left - 2.0 * sigma_m**2 * np.maximum(count - 3.0, 1.0)[:, None], 0.0)
     bend = 4.0 * np.sqrt(bent / np.maximum(count, 1.0)[:, None])
+    reached = np.abs(ends).max(axis=1)
     bend /= np.where(reached > 0.0, reached, 1.0)[:, None]
+    aside = middle[here] != t[here]
+    # Of a third derivative the slope misses the more, the nearer to an end of the window
+    long, off = 0.5 * (ends[aside, 1] - ends[aside, 0]), 0.5 * (ends[aside, 1] + ends[aside, 0])
+    more = np.maximum(1.0, 5.0 * (off / np.maximum(long, 1e-9)) ** 2 - 1.0)
+    bend[aside] *= (more * reached[aside] / np.maximum(long, 1e-9))[:, None]
     sigma = np.hypot(sigma_m * np.sqrt(np.abs(inverse[:, 1, 1]))[:, None], bend)
     return fitted[:, 1], np.maximum(sigma, LEAST_SIGMA), good
 
@@ -180,17 +203,20 @@ def _size(matrices: np.ndarray) -> np.ndarray:
 def _sums(
     t: FloatArray,
     position: FloatArray,
+    middle: FloatArray,
     first: int,
     half: float,
     moments: FloatArray,
     right: FloatArray,
     squares: FloatArray,
-    reached: FloatArray,
+    ends: FloatArray,
 ) -> None:
     """Sums over the fixes about each, for parabolas through them.
 
     Parameters
     ----------
+    middle : ndarray, shape (n,)
+        The middle of the window of each, s.
     first : int
         The fix of row 0.
     half : float
@@ -201,18 +227,19 @@ def _sums(
         Zeros; set to those of power by way.
     squares : ndarray, shape (k, 3)
         Zeros; set to those of the squares of the ways.
-    reached : ndarray, shape (k,)
-        Zeros; set to the longest of the times.
+    ends : ndarray, shape (k, 2)
+        Zeros; set to the first and last of their times from that of the fix.
     """
-    for i in range(len(reached)):
+    for i in range(len(ends)):
         own = first + i
+        about = middle[own]
         begin = own
-        while begin > 0 and t[own] - t[begin - 1] <= half:
+        while begin > 0 and about - t[begin - 1] <= half:
             begin -= 1
         for j in range(begin, len(t)):
-            away = t[j] - t[own]
-            if away > half:
+            if t[j] - about > half:
                 break
+            away = t[j] - t[own]
             power = 1.0
             for p in range(5):
                 moments[i, p] += power
@@ -222,7 +249,8 @@ def _sums(
                 power *= away
             for axis in range(3):
                 squares[i, axis] += (position[j, axis] - position[own, axis]) ** 2
-            reached[i] = max(reached[i], abs(away))
+            ends[i, 0] = min(ends[i, 0], away)
+            ends[i, 1] = max(ends[i, 1], away)
 
 
 def _half(seconds: np.ndarray, sigma_m: float) -> float:

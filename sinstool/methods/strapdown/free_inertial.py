@@ -121,11 +121,12 @@ class InsRun(SegmentRun):
         reference = self.settings.reference
         if reference is None:
             return
+        later = reference.arrival_ns >= origin
         self._height = (
-            (reference.arrival_ns - origin) / SECOND,
-            (reference.time_ns - origin) / SECOND,
-            np.ascontiguousarray(reference.height, dtype=np.float64),
-            np.ascontiguousarray(reference.reason, dtype=np.int64),
+            (reference.arrival_ns[later] - origin) / SECOND,
+            (reference.time_ns[later] - origin) / SECOND,
+            np.ascontiguousarray(reference.height[later], dtype=np.float64),
+            np.ascontiguousarray(reference.reason[later], dtype=np.int64),
         )
 
     def _carry_over(self, imu: Imu, gap_s: float) -> None:

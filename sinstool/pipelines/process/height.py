@@ -393,7 +393,7 @@ def height_warnings(
         " with it",
         "coast": "no good height reference from {time:.1f} s on; coasting",
         "re-engaged": "height reference is good again at {time:.1f} s, after {duration:.1f} s; the"
-        " height had drifted by {size:+.1f} m",
+        " height then differed from it by {size:+.1f} m",
         "frozen": "height reference did not change for {duration:.0f} s while the vehicle moved, at"
         " {time:.1f} s; those samples are not used",
         "invalid": "height is not valid from {time:.1f} s on: coasting for too long",

@@ -247,3 +247,21 @@ def test_a_correction_is_no_motion_over_a_gap(flight):
     # 0.4 m/s^2 in 3 s would be 1.8 m
     expected = -3.01 * result["velocity_n"][k, 2]
     assert climbed == pytest.approx(expected, abs=1e-6)
+
+
+def test_heights_from_before_the_first_sample_are_not_used(flight):
+    """They were compared with the height at the start, and took it for jumps of the barometer."""
+    later = flight.imu.time_ns >= T0 + 40 * SECOND
+    k = int(np.argmax(later))
+    begun = initial_state(
+        flight.latitude[k], flight.longitude[k], flight.height[k], flight.velocity_n[k],
+        flight.imu.q_nb[k],
+    )  # fmt: skip
+    heights = reference(flight)
+    run, whole = navigate(samples(flight).rows(slice(k, None)), begun, settings(heights=heights))
+    good = heights.time_ns >= flight.imu.time_ns[k]
+    cut = replace(heights, time_ns=heights.time_ns[good], height=heights.height[good],
+                  reason=heights.reason[good])  # fmt: skip
+    _, alone = navigate(samples(flight).rows(slice(k, None)), begun, settings(heights=cut))
+    np.testing.assert_array_equal(whole["position"], alone["position"])
+    assert [event.kind for event in run.events] == ["engaged"]

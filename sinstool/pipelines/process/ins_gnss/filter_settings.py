@@ -27,12 +27,10 @@ from sinstool.methods.sensor_errors import (
 )
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
-from sinstool.survey.grade import ImuGrade, random_walk, random_walks
+from sinstool.survey.grade import NOISIER, ImuGrade, random_walk, random_walks
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
-# Ratio of the noise at rest to that of the options from which a warning is given.
-NOISIER = 3.0
 # Times the biases of a navigation grade that one judged by its noise may have: data sheets of such
 # noise lie a factor of ten and more apart.
 OPEN_BIAS = 3.0

@@ -46,7 +46,7 @@ class StartFixes:
             return cls(gnss, gnss)
         white = float(max(model.position_white[:2]))
         shown = with_velocities(gnss, white, model.position_wander)
-        gnss = with_velocities(gnss, white)
+        gnss = with_velocities(gnss, white, ends=True)
         # Where speed changes quickly these velocities are rough, although the fixes are good
         sigma = np.sqrt(np.mean(np.square(shown.sigma_velocity_n), axis=1))
         return cls(gnss, shown.rows(~rough_fixes(shown.time_ns, sigma)))

@@ -70,7 +70,7 @@ def untrusted(
                 f"{rejected} of {number} fixes were rejected, as they are further off than the"
                 " sigmas of filter and receiver allow: do not trust the solution",
                 Severity.LOST,
-                "look at the first warnings; set --imu-grade, --gnss-noise-scale or --lever-arm",
+                "look at the other warnings; set --imu-grade, --gnss-noise-scale or --lever-arm",
                 numbers={"rejected_share": rejected / number},
             )
         )

@@ -106,6 +106,18 @@ def test_a_receiver_that_wanders_at_first_moves_no_parked_car(tmp_path, sigma_v)
     assert np.sqrt(np.mean(heading[seconds > 26.0] ** 2)) < 3.0
 
 
+def test_a_rest_before_the_first_fix_is_not_said_to_be_motion(tmp_path):
+    """That the car drives when its receiver begins shows nothing for sure of what was before."""
+    truth = drive(33, 160.0, rest=30.0)
+    data = record(truth, CHEAP, 33, gnss_rate=5.0, sigma=0.8, sigma_v=0.1)
+    data = replace(data, fixes=data.fixes.rows(data.fixes.seconds > 40.0))
+    log = write(tmp_path / "log.mcap", data)
+    result, _, off, _ = navigated(log, truth, tmp_path / "out.mcap")
+    (said,) = [finding for finding in result.findings if finding.kind == "moving-rest"]
+    assert "may be steady motion" in said.text
+    assert off[-1] < 3.0
+
+
 @pytest.mark.parametrize("seed", [51, 53])
 def test_a_parked_car_whose_gyro_warms_up_shows_no_other_heading(tmp_path, seed):
     truth = drive(seed, 260.0, rest=200.0)
@@ -152,6 +164,24 @@ def test_the_bias_of_a_moving_car_is_found(tmp_path, begun_in_motion, seed, velo
     assert result.plan.mode.value == "ins-gnss" and exit_status(result.findings) == 0
     assert np.sqrt(np.mean(off**2)) < 1.0
     assert np.sqrt(np.mean(heading**2)) < 5.0
+
+
+@pytest.mark.parametrize("begin", [0.1, 0.9])
+def test_one_fix_a_second_is_enough_for_a_start_with_a_given_attitude(tmp_path, begin):
+    """Of positions alone the first three seconds have no velocity with fixes on both sides."""
+    truth = drive(43, 120.0, rest=0.0)
+    data = record(truth, CHEAP, 43, gnss_rate=1.0, sigma=0.3)
+    first = 14.0 + begin
+    late = data.seconds >= first
+    samples = {name: getattr(data, name)[late] for name in ("seconds", "gyro", "accel")}
+    data = replace(data, fixes=data.fixes.rows(data.fixes.seconds >= first), **samples)
+    log = write(tmp_path / "log.mcap", data)
+    attitude = Rotation.from_matrix(truth.c_nb[np.argmax(late)])
+    angles = attitude.as_euler("ZYX", degrees=True)[::-1]
+    align = {"align": "fixed", "initial_attitude": tuple(angles.tolist())}
+    result, _, off, heading = navigated(log, truth, tmp_path / "out.mcap", align=align)
+    assert result.plan.mode.value == "ins-gnss" and exit_status(result.findings) == 0
+    assert np.sqrt(np.mean(off**2)) < 1.5 and np.sqrt(np.mean(heading**2)) < 5.0
 
 
 def test_motion_shows_the_bias_of_a_car_that_never_rests(tmp_path, begun_in_motion):

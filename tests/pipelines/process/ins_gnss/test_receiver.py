@@ -137,6 +137,33 @@ def test_velocities_from_positions(noise):
         assert 0.5 < np.sqrt(np.mean(ratio**2)) < 1.5
 
 
+@pytest.mark.parametrize(("rate", "noise"), [(1.0, 0.02), (1.0, 0.3), (5.0, 0.1)])
+def test_the_first_and_last_fixes_have_velocities_where_they_are_wanted(rate, noise):
+    """With errors that their sigmas admit: of noise, and of what no parabola follows."""
+    fewer = 2 if rate == 1.0 else 0  # at each end
+    exact = epochs(n=round(40 * rate), rate=rate)
+    ratios = []
+    for seed in range(60):
+        random = np.random.default_rng(seed)
+        # another part of the weave each time
+        begin = int(random.integers(len(exact) // 2))
+        gnss = exact.rows(slice(begin, begin + len(exact) // 2))
+        north, down = noise * random.standard_normal((2, len(gnss)))
+        gnss = dataclasses.replace(
+            gnss, latitude=gnss.latitude + north / RADIUS, height=gnss.height - down
+        )
+        usual = with_velocities(gnss, noise)
+        made = with_velocities(gnss, noise, ends=True)
+        assert len(usual) + 2 * fewer == len(made) == len(gnss)
+        inner = slice(len(usual) // 3, 2 * len(usual) // 3)
+        same = np.isin(made.time_ns, usual.time_ns[inner])
+        np.testing.assert_array_equal(made.velocity_n[same], usual.velocity_n[inner])
+        off = ((made.velocity_n - gnss.velocity_n) / made.sigma_velocity_n)[[0, -1]]
+        ratios.append(off[:, [0, 2]])
+    # in the noise of five fixes half of so strong a weave is hidden
+    assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 2.0
+
+
 def test_velocities_that_share_their_fixes_are_worth_less_together():
     gnss = epochs(noise=0.3)
     alone = with_velocities(gnss, 0.3).sigma_velocity_n[20:-20, 2]
