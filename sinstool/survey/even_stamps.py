@@ -18,7 +18,7 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil
@@ -44,6 +44,8 @@ LEAST_PROMPT, ROUNDS = 16, 4
 # Numbers of samples of half a stretch by which an interval is estimated, the least number of
 # batches in it, and the sigmas beyond which an interval is longer than another.
 HALVES, LEAST_BATCHES, LACKING = (8, LEAST_SAMPLES // 2, 3 * LEAST_SAMPLES), 4, 4.0
+# Largest share of samples that may be missing one by one.
+MOST_MISSING = 0.1
 # Intervals are the same if so many samples are moved by less than this share of one.
 SAME = 0.01
 # Samples compared before and after a long interval, at most, and most intervals compared together.
@@ -170,27 +172,30 @@ def even_stamps(blocks: Iterable[Imu], increments: bool, surely: bool = False) -
     stamp_ns = np.concatenate(stamps)
     if _usual_interval(stamp_ns)[0] < LEAST_NS:
         return None
-    even, piece_ns, count = _lines(stamp_ns)
-    if surely:
-        return even
-    if not _steady(even, piece_ns, count, stamp_ns):
+    even = _lines(stamp_ns, False)
+    if not surely and (not _steady(even, stamp_ns) or _right(even, concatenate(shown), increments)):
         return None
-    return None if _right(even, concatenate(shown), increments) else even
+    return _lines(stamp_ns, True)
 
 
-def _usual_interval(stamp_ns: IntArray) -> tuple[float, float]:
+def _usual_interval(stamp_ns: IntArray, halves: Sequence[int] = HALVES) -> tuple[float, float]:
     """Interval of most samples and its sigma, ns: most stretches have all of their samples.
 
     Halves of stretches are compared by their means. Of samples that come in batches, a single
     stamp is late by up to a batch, so half a stretch holds whole batches: of as many samples as
     there are to each interval longer than the mean.
+
+    Parameters
+    ----------
+    halves : sequence of int, optional
+        Numbers of samples that are tried.
     """
     steps = np.diff(stamp_ns).astype(np.float64)
     steps = np.minimum(steps, quantile(steps, 0.99))  # gaps aside
     batch = round(len(steps) / np.count_nonzero(steps >= steps.mean()))
     sums = np.concatenate([[0], np.cumsum(stamp_ns - stamp_ns[0])])
     best: tuple[float, float] | None = None
-    for half in HALVES:
+    for half in halves:
         whole = batch * max(ceil(half / batch), LEAST_BATCHES)
         found = _by_halves(sums, min(whole, len(stamp_ns) // 4))
         # The longer, the better, unless most stretches lack samples and look longer
@@ -220,37 +225,43 @@ def _by_halves(sums: IntArray, half: int) -> tuple[float, float]:
     return usual / half, 1.2533 * 1.4826 * off / half / np.sqrt(len(sums) / (2 * half))
 
 
-def _lines(stamp_ns: IntArray) -> tuple[EvenStamps, FloatArray, IntArray]:
+def _lines(stamp_ns: IntArray, single: bool) -> EvenStamps:
     """Lines through the stamps, broken where samples are missing.
 
-    Returns
-    -------
-    even : EvenStamps
-    interval_ns, count : ndarray, shape (p,)
-        Of pieces of about `LINE_S`, which go on where only a few samples are missing.
+    Parameters
+    ----------
+    single : bool
+        Whether single samples may be missing, too: else only many in a row.
     """
-    number = np.arange(len(stamp_ns))
-    interval_ns, sigma_ns = _usual_interval(stamp_ns)
-    for _ in range(ROUNDS):
-        late = (stamp_ns - int(stamp_ns[0])) - interval_ns * number
-        width = max(LEAST_SAMPLES, round(LINE_S * SECOND / interval_ns))
-        nearby = min(width // 2, MOST_NEARBY)
-        drift_ns = 2.0 * sigma_ns * nearby
-        gaps, skipped = _missing(stamp_ns, late, interval_ns, nearby, drift_ns)
+    interval_ns, _ = _usual_interval(stamp_ns, HALVES[1:2])
+    gaps, skipped = _missing(stamp_ns, interval_ns, np.inf)
+    if single:
+        interval_ns, sigma_ns = _usual_interval(stamp_ns)
+    for _ in range(ROUNDS if single else 0):
+        some, few = _missing(stamp_ns, interval_ns, sigma_ns)
+        if few[-1] > MOST_MISSING * len(stamp_ns):
+            break
+        gaps, skipped, before = some, few, interval_ns
         # Samples that are missing everywhere make the usual interval look longer
-        before, moved = interval_ns, np.rint(interval_ns * skipped).astype(np.int64)
+        moved = np.rint(interval_ns * skipped).astype(np.int64)
         interval_ns, sigma_ns = _usual_interval(stamp_ns - moved)
         if abs(interval_ns - before) * LEAST_SAMPLES < SAME * before:
             break
+    width = _width(interval_ns)
     while True:
-        even, interval, count = _broken_at(gaps, skipped, stamp_ns, interval_ns, width)
+        even = _broken_at(gaps, skipped, stamp_ns, interval_ns, width)
         rows = _breaks(gaps, skipped)
         length = {row: seconds for row, (_, seconds) in zip(rows, even.gaps, strict=True)}
         # Between few samples that are late by chance lines may meet, or overlap: nothing is missing
         lacking = np.array([length[row] * SECOND > interval_ns for row in gaps.tolist()], np.bool_)
         if lacking.all():
-            return even, interval, count
+            return even
         gaps = gaps[lacking]
+
+
+def _width(interval_ns: float) -> int:
+    """Number of samples of a line."""
+    return max(LEAST_SAMPLES, round(LINE_S * SECOND / interval_ns))
 
 
 def _breaks(gaps: IntArray, skipped: IntArray) -> list[int]:
@@ -262,7 +273,7 @@ def _breaks(gaps: IntArray, skipped: IntArray) -> list[int]:
 
 def _broken_at(
     gaps: IntArray, skipped: IntArray, stamp_ns: IntArray, interval_ns: float, width: int
-) -> tuple[EvenStamps, FloatArray, IntArray]:
+) -> EvenStamps:
     """Lines of about `width` samples that are broken before those rows; see :func:`_lines`.
 
     Parameters
@@ -276,7 +287,7 @@ def _broken_at(
     late = (stamp_ns - begin_ns) - interval_ns * (number + skipped)
     few = np.flatnonzero(np.diff(skipped)) + 1
     breaks = np.concatenate([[0], gaps, [len(stamp_ns)]])
-    first, count, time, interval, piece, pieces = [], [], [], [], [], []
+    first, count, time, interval = [], [], [], []
     for begin, end in pairwise(breaks.tolist()):
         usual = np.linspace(begin, end, max(1, round((end - begin) / width)) + 1, dtype=int)
         inside = few[np.searchsorted(few, begin, "right") : np.searchsorted(few, end)]
@@ -294,10 +305,6 @@ def _broken_at(
         count += np.diff(edges).tolist()
         time += at[:-1].tolist()
         interval += ((till[1:] - at[:-1]) / np.diff(edges)).tolist()
-        ends = np.searchsorted(edges, np.unique(usual))
-        ticks = np.diff(edges[ends]) + np.diff(skipped[np.minimum(edges[ends], end - 1)])
-        piece += (interval_ns + np.diff(offset[ends]) / ticks).tolist()
-        pieces += ticks.tolist()
     start = begin_ns + np.rint(time).astype(np.int64)
     numbers = number - np.repeat(first, count)
     even = EvenStamps(stamp_ns[first], np.array(count), start, np.array(interval), (), 0.0, 0.0)
@@ -306,13 +313,10 @@ def _broken_at(
     lacking = tuple(
         (int(times[k - 1]), float(times[k] - times[k - 1]) / SECOND) for k in _breaks(gaps, skipped)
     )
-    even = replace(even, gaps=lacking, jitter_ns=float(off.std()), most_ns=float(np.abs(off).max()))
-    return even, np.array(piece), np.array(pieces)
+    return replace(even, gaps=lacking, jitter_ns=float(off.std()), most_ns=float(np.abs(off).max()))
 
 
-def _missing(
-    stamp_ns: IntArray, late: FloatArray, interval_ns: float, nearby: int, drift_ns: float
-) -> tuple[IntArray, IntArray]:
+def _missing(stamp_ns: IntArray, interval_ns: float, sigma_ns: float) -> tuple[IntArray, IntArray]:
     """Where samples are missing: from there on all are later than the promptest before.
 
     A stall of the computer makes one long interval too, but then the samples that waited arrive at
@@ -321,10 +325,8 @@ def _missing(
 
     Parameters
     ----------
-    nearby : int
-        Number of samples that are compared before and after.
-    drift_ns : float
-        By which `late` may change over as many, as the interval is uncertain.
+    interval_ns, sigma_ns : float
+        Usual interval and its sigma; with an infinite one no single samples are found.
 
     Returns
     -------
@@ -333,13 +335,19 @@ def _missing(
     skipped : ndarray of int64, shape (n,)
         Samples before each row that are missing elsewhere, a few together.
     """
+    late = (stamp_ns - int(stamp_ns[0])) - interval_ns * np.arange(len(stamp_ns))
+    nearby = min(_width(interval_ns) // 2, MOST_NEARBY)
+    drift_ns = 2.0 * sigma_ns * nearby
     steps = np.diff(stamp_ns)
+    if np.isinf(sigma_ns):
+        rows = np.flatnonzero(steps > GAP_INTERVALS * interval_ns) + 1
+        return _rises(late, rows, interval_ns, nearby, 0.0, np.inf)
     # Samples that came at once waited for the last of them, which alone may be prompt
     last = np.append(np.flatnonzero(steps > (MISSED - 1.0) * interval_ns), len(late) - 1)
     first = np.concatenate([[0], last[:-1] + 1])
     prompt, nearby = late[last], max(LEAST_PROMPT, nearby * len(last) // len(late))
     rows = np.flatnonzero(steps[first[1:] - 1] > MISSED * interval_ns) + 1
-    gaps, skipped = np.empty(0, np.int64), np.zeros(len(last), np.int64)
+    skipped = np.zeros(len(last), np.int64)
     for _ in range(ROUNDS):
         blocks = prompt - interval_ns * skipped
         blocks = blocks[: len(blocks) - len(blocks) % nearby].reshape(-1, nearby)
@@ -371,6 +379,8 @@ def _rises(
         Number of samples that are compared before and after.
     usual_ns : float
         Usual delay.
+    drift_ns : float
+        By which `late` may change over as many samples, as the interval is uncertain.
     """
     limit = (GAP_INTERVALS - 1.0) * interval_ns
     least = (MISSED - 1.0) * interval_ns + drift_ns
@@ -402,13 +412,13 @@ def _rises(
     return np.array(gaps[1:], dtype=np.int64), skipped
 
 
-def _steady(even: EvenStamps, interval_ns: FloatArray, count: IntArray, stamp_ns: IntArray) -> bool:
-    """Whether delays of stamps do not add up from sample to sample, by the pieces of lines."""
-    whole = count >= LEAST_SAMPLES
+def _steady(even: EvenStamps, stamp_ns: IntArray) -> bool:
+    """Whether delays of stamps do not add up from sample to sample."""
+    whole = even.count >= LEAST_SAMPLES
     steps = np.minimum(np.diff(stamp_ns), LONGEST * even.usual_ns)
     if whole.sum() < 2:
-        return len(count) == 1 and bool(steps.std())
-    apart = ((interval_ns - even.usual_ns) * np.sqrt(count))[whole].std()
+        return len(even.count) == 1 and bool(steps.std())
+    apart = ((even.interval_ns - even.usual_ns) * np.sqrt(even.count))[whole].std()
     return bool(apart < STEADY * steps.std())
 
 
@@ -429,7 +439,9 @@ def _right(even: EvenStamps, imu: Imu, increments: bool) -> bool:
         slope = (imu.gyro[6:] - imu.gyro[:-6]) / (6.0 * interval)
         expected = slope * between
     # Across a gap neither rates nor times belong together
-    whole = np.convolve(np.diff(block.time_ns) > MISSED * even.usual_ns, np.ones(6))[5:-5] < 1
+    whole = (
+        np.convolve(np.diff(block.time_ns) > GAP_INTERVALS * even.usual_ns, np.ones(6))[5:-5] < 1
+    )
     residual, expected = residual[whole], expected[whole]
     square = float(np.sum(expected**2))
     if not square:

@@ -13,7 +13,7 @@ from sinstool.methods.strapdown.followed_rates import with_followed
 from sinstool.methods.strapdown.joined_updates import joined_updates
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentSamples
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
-from sinstool.survey.source import Source, nominal_interval, rate_blocks
+from sinstool.survey.source import Source, nominal_interval, rate_blocks, sampled_unevenly
 
 
 class SegmentIncrements:
@@ -27,6 +27,7 @@ class SegmentIncrements:
             gyro_kind=config.input.sample_kind,
             nominal_ns=nominal_interval(source, config),
             max_gap_ns=source.survey.max_gap_ns,
+            uneven=sampled_unevenly(source.survey),
         )
         self.samples = 0
 

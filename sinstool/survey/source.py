@@ -300,10 +300,15 @@ def _jitters(found: Survey, options: InputOptions) -> bool:
     """Whether stamps jitter by so much that they may be of receipt."""
     if options.imu_rate is not None or options.imu_stamps == "kept":
         return False
-    if options.imu_stamps == "even" or found.interval_spread_ns > JITTER * found.interval_ns:
+    if options.imu_stamps == "even" or sampled_unevenly(found):
         return True
     # In batches of ten and more nine of ten intervals are equally short
     return found.last_ns - found.first_ns > BATCHES * found.count * found.interval_ns
+
+
+def sampled_unevenly(survey: Survey) -> bool:
+    """Whether intervals differ by so much that a long one is no sign of a lost sample."""
+    return survey.even is None and survey.interval_spread_ns > JITTER * survey.interval_ns
 
 
 def _evened(found: Survey, even: EvenStamps, options: InputOptions) -> Survey:
@@ -478,5 +483,7 @@ def rate_blocks(
         return blocks
     nominal_ns, max_gap_ns = nominal_interval(source, config), source.survey.max_gap_ns
     if kind == "mean-rate":
+        if sampled_unevenly(source.survey):
+            return blocks
         return means_with_lost(blocks, nominal_ns, max_gap_ns)
     return mean_rates(blocks, nominal_ns, max_gap_ns, rate)

@@ -38,6 +38,8 @@ class SampleSettings:
     still_until_ns : int or None
         Until then the vehicle is known to be at rest: the rate that the gyro measures is its bias,
         and the state does not change.
+    uneven : bool
+        Whether intervals vary by so much that a long one is no sign of a lost sample.
     """
 
     algorithm: ConingAlgorithm
@@ -47,6 +49,7 @@ class SampleSettings:
     gyro_bias: np.ndarray = field(default_factory=lambda: np.zeros(3))
     sample_rate: float | None = None
     still_until_ns: int | None = None
+    uneven: bool = False
 
     def stage(self) -> ConingStage:
         """The coning stage of a new segment."""
@@ -66,7 +69,7 @@ def unbiased_segments(blocks: Iterable[Imu], settings: SampleSettings) -> Iterat
     s = settings
     if s.gyro_kind == "increment":
         blocks = mean_rates(blocks, s.nominal_ns, s.max_gap_ns, s.sample_rate)
-    elif s.gyro_kind == "mean-rate" and s.sample_rate is None:
+    elif s.gyro_kind == "mean-rate" and s.sample_rate is None and not s.uneven:
         blocks = means_with_lost(blocks, s.nominal_ns, s.max_gap_ns)
     for piece in segments(blocks, s.max_gap_ns):
         imu = piece.imu
