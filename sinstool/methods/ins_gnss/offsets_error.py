@@ -1,4 +1,7 @@
-"""Errors of a solution by a wrong latency, a wrong lever arm, or samples of another time.
+"""Errors of a solution that its filter has no states for.
+
+They come from a wrong latency, a wrong lever arm, or samples of another time; and, without states
+for them, from slow errors of the fixes.
 
 A filter follows its fixes: with a wrong latency the whole solution is early or late, and with a
 wrong lever arm it lies beside the track. Innovations hardly show either, and there are no states
@@ -25,7 +28,7 @@ HELD_NS = SECOND
 
 
 class OffsetsError:
-    """Adds the errors by a wrong latency and lever arm to covariances of solutions that stream by.
+    """Adds errors without states to the covariances of solutions that stream by.
 
     With ``b`` the true latency and arm less those used, position is off by ``J b``, where ``J =
     [-v_n, C_nb]``, and velocity by the change of that. In an outage the error stays what it was at
@@ -42,6 +45,8 @@ class OffsetsError:
         Time, s, by which the samples of the Imu may be off, with even odds.
     shared : bool, optional
         Whether the latency was estimated against these samples: then position is off too.
+    slow_m : array_like, shape (3,), optional
+        Slow errors of positions of the fixes, NED, m, if the filter has no states for them.
 
     Attributes
     ----------
@@ -55,6 +60,7 @@ class OffsetsError:
         turned: ArrayLike | None = None,
         sample_s: float = 0.0,
         shared: bool = False,
+        slow_m: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         self._moment = np.array(moment, dtype=np.float64)
         self.largest_m = 0.0
@@ -63,6 +69,7 @@ class OffsetsError:
             self._attitude = np.diag(np.einsum("iab,ab->i", np.asarray(turned), self._moment))
         self._latency_s = float(np.sqrt(self._moment[0, 0]))
         self._other_time = 0.5 * sample_s**2
+        self._slow = np.diag(np.square(np.asarray(slow_m, dtype=np.float64)))
         if shared:
             self._moment[0, 0] += self._other_time
         self._time_ns = np.empty(0, np.int64)
@@ -70,6 +77,9 @@ class OffsetsError:
 
     def added(self, solution: Solution) -> Solution:
         """The next solutions, in the order of time, with these errors in their covariances."""
+        if self._slow.any() and solution.covariance_position_n is not None:
+            whole = solution.covariance_position_n + self._slow
+            solution = replace(solution, covariance_position_n=whole)
         position, velocity = solution.covariance_position_n, solution.covariance_velocity_n
         attitude, v = solution.covariance_attitude_n, solution.velocity_n
         moved = bool(self._moment.any()) and v is not None

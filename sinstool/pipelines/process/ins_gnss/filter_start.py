@@ -19,6 +19,7 @@ from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
+from sinstool.methods.ins_gnss.states import GNSS_POSITION
 from sinstool.methods.receiver_priors import ARM_USUAL_M, LATENCY_S
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart
@@ -231,6 +232,15 @@ class FilterStart:
             gnss=replace(self.gnss, sigma_position_n=sigma),
             gnss_why=f"{self.gnss_why}; {why}",
         )
+
+    @property
+    def slow_m(self) -> tuple[float, float, float]:
+        """Slow errors of positions, NED, m, that the filter has no states for.
+
+        A filter follows them, and takes their part in innovations for white noise.
+        """
+        modelled = self.settings.kind.first(GNSS_POSITION) >= 0
+        return (0.0, 0.0, 0.0) if modelled else self.settings.gnss.position_markov
 
     @property
     def offsets_error(self) -> FloatArray:

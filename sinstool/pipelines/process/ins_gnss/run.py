@@ -189,7 +189,8 @@ class FilterRun(Mode):
         turned = None if start.offsets is None else start.offsets.turned
         half = 0.0 if self._sample_kind_known else 0.5 * self.source.survey.interval_ns / SECOND
         shared = start.latency_status != "given" and start.settings.gnss_latency != 0.0
-        self._offsets_error = OffsetsError(start.offsets_error, turned, half, shared)
+        moment, slow_m = start.offsets_error, start.slow_m
+        self._offsets_error = OffsetsError(moment, turned, half, shared, slow_m)
 
     def _stretch(
         self, source: Source, start: FilterStart, gap: FilterEvent | None = None

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.trusted_navigation import process
 from tests.helpers.filter_logs import start_of
 from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
 from tests.helpers.unseen_errors import wandering
@@ -71,3 +72,15 @@ def test_what_a_stated_grade_lacks_is_not_taken_for_errors_of_fixes(tmp_path, se
 def test_what_options_say_of_the_noise_of_the_imu_stays(tmp_path):
     start = started(tmp_path, 1, 4.0, in_flight={"arw": 1e-5, "vrw": 1e-3})
     assert start.slow_errors == (1.0, 1.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_filter_without_states_for_slow_errors_has_them_in_its_sigmas(tmp_path, seed):
+    """It follows fixes that wander, 8 of its sigmas off before."""
+    truth = drive(seed, 300.0, 20.0)
+    data = record(truth, GRADES["tactical"], seed, gnss_rate=2.0, sigma=SIGMA)
+    log = write(tmp_path / "log.mcap", wandering(data, seed, 4.0 * SIGMA, 100.0))
+    answer, status, _ = process(log, truth, ["--filter", "plain-15"])
+    assert answer is not None and status == 0
+    off = np.hypot(*answer.error[:, :2].T) / np.hypot(*answer.sigma[:, :2].T)
+    assert 0.3 < np.sqrt(np.mean(np.square(off))) < 2.0
