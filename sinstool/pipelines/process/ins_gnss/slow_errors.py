@@ -20,6 +20,7 @@ import numpy as np
 
 from sinstool.core.streams import take_rows
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.states import GNSS_POSITION
 from sinstool.methods.land_vehicle.shaking import Shaking
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -60,6 +61,9 @@ def with_slow_errors(
     """
     if increments is None:
         return start
+    if judged.settings.kind.first(GNSS_POSITION) < 0:
+        # Without states for slow errors no size of them is likelier than another
+        judged = replace(judged, settings=replace(judged.settings, filter="markov-27"))
     costs: dict[tuple[int, int], float] = {}
 
     def cost(steps: tuple[int, int]) -> float:
