@@ -191,7 +191,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     algorithm = choose_algorithm(source, config)
     attitude = _attitude(source, config, mode.value, grade.grade)
     magnetic, doubts = _magnetometer(source, config, attitude, alignment)
-    if filter_start is None:  # a filter tells itself
+    if filter_start is None:  # else its contradictions say so
         doubts = (*doubts, *stated_grade_denied(source, config))
     if magnetic.topic:
         reason = first.reason.replace(NO_NORTH, "only the magnetometer shows north")

@@ -36,8 +36,8 @@ LINE_S, LEAST_SAMPLES = 2.0, 64
 # No Imu samples more often than each so many ns: stamps of less are no times.
 LEAST_NS = 10_000.0
 # Intervals beyond which samples may be missing, and the product of the delay of the promptest
-# samples and their number, over the usual delay, beyond which it is no chance (1e-7).
-MISSED, PROMPT = 1.5, 16.0
+# samples and their number, over the usual delay, beyond which it is no chance (1e-10).
+MISSED, PROMPT = 1.5, 24.0
 # Least number of prompt samples that are compared, and rounds in which what is missing is found, as
 # it makes delays look longer.
 LEAST_PROMPT, ROUNDS = 16, 4
@@ -356,6 +356,9 @@ def _missing(stamp_ns: IntArray, interval_ns: float, sigma_ns: float) -> tuple[I
         gaps, skipped = _rises(prompt, rows, interval_ns, nearby, usual, drift_ns)
         if (skipped == before).all():
             break
+    if usual > interval_ns:
+        # What is late by more than an interval looks like what follows a lost sample
+        gaps, skipped = _rises(prompt, rows, interval_ns, nearby, usual, np.inf)
     return first[gaps], np.repeat(skipped, last - first + 1)
 
 

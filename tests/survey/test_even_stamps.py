@@ -46,6 +46,7 @@ def received_at(time_ns, late_ns):
 @given(st.integers(0, 10_000), st.floats(1.0, 12.0))
 @example(279, 12.0)
 @example(2048, 12.0)
+@example(1032, 12.0)
 @settings(max_examples=20, deadline=None)
 def test_stamps_of_receipt_give_even_times(seed, scale_ms):
     """Late by exponential times, even by more than an interval: their median remains."""

@@ -79,8 +79,8 @@ def notes(
     if config.filter.filter == "plain-15":
         note(
             "white-fixes",
-            "plain-15 treats errors of fixes as white noise: if they vary slowly, its"
-            " position sigmas are several times too small, and innovations do not show it",
+            "plain-15 treats errors of fixes as white noise and follows those that vary slowly,"
+            " which another filter estimates: they are in the sigmas of its positions only",
         )
     return findings
 
