@@ -76,7 +76,7 @@ def test_what_options_say_of_the_noise_of_the_imu_stays(tmp_path):
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_filter_without_states_for_slow_errors_has_them_in_its_sigmas(tmp_path, seed):
-    """It follows fixes that wander, 8 of its sigmas off before."""
+    """It follows fixes that wander: 4 to 10 of its sigmas off before."""
     truth = drive(seed, 300.0, 20.0)
     data = record(truth, GRADES["tactical"], seed, gnss_rate=2.0, sigma=SIGMA)
     log = write(tmp_path / "log.mcap", wandering(data, seed, 4.0 * SIGMA, 100.0))
