@@ -165,6 +165,26 @@ def test_a_gyro_bias_that_no_refinement_confirms_is_not_used(monkeypatch):
     assert found.result.errors is bias and not found.bias_by_motion
 
 
+@pytest.mark.parametrize("aligns", [True, False])
+def test_a_bias_that_turns_a_level_vehicle_off_its_course_gives_way(monkeypatch, aligns):
+    """Two biases explain the turns; with one it turns by 1 deg/s while its course stays."""
+    imu, fixes = circling(6.0 * DEGREE, np.array([0.0, 0.0, 1.0]) * DEGREE)
+    sigma = {"gyro_bias": np.full(3, 0.03 * DEGREE)}
+
+    def answer(samples, fixes, span):
+        goes = samples.delta_theta[1:50, 2].mean() < 6.5 * DEGREE * 0.02
+        off = np.array([0.0 if goes else 0.2, 0.0, 0.0]) * DEGREE
+        errors = SimpleNamespace(gyro_bias=off, sigma=sigma)
+        return Answer(errors, 1.5 if goes else 1.0, "ok" if aligns or not goes else "failed")
+
+    monkeypatch.setattr(in_motion, "align_in_flight", answer)
+    settings = AlignmentSettings(gate="off", at="start", refine=True, start_ns=0, grade=MEMS)
+    found = align_in_motion(
+        SpanReader([imu]), "rate", 0.02, fixes, settings, np.zeros(3), [None], 0.5 * DEGREE
+    )
+    assert found.gyro_bias[2] == pytest.approx(DEGREE if aligns else 0.0, abs=0.01 * DEGREE)
+
+
 def carried_to_first_fix(moving, imu, gnss):
     """Row of the first fix's sample, attitude and covariance there."""
     row = int(np.searchsorted(imu.time_ns, gnss.time_ns[0]))

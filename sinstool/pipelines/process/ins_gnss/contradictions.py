@@ -101,10 +101,12 @@ def _likelier(
         return fit(source, config, algorithm, replace(start, settings=settings))
 
     shown = start.by_the_fixes
+    same = shown.settings == start.settings
     stated, grade = fitted(start.grade.grade, shown), next_worse(start.grade.grade)
     best: LikelierGrade | None = None
     while grade is not None and stated is not None and stated.doubted:
-        other, moved = fitted(grade, start), fitted(grade, shown)
+        other = fitted(grade, start)
+        moved = other if same else fitted(grade, shown)
         if other is not None and moved is not None and not other.worse_than(moved):
             gain = stated.epochs * (stated.cost - other.cost)
             if gain > (MOST_UNLIKELY if best is None else best.gain):
