@@ -15,7 +15,7 @@ from sinstool.core.arrays import FloatArray, IntArray, zeros_on_lines
 from sinstool.core.parts import kernel, part
 from sinstool.methods import products
 from sinstool.methods.ins_gnss.results import StoredEpochs
-from sinstool.methods.ins_gnss.states import ATTITUDE, I_MOVING, FilterKind
+from sinstool.methods.ins_gnss.states import ATTITUDE, I_MOVING, POSITION, FilterKind
 from sinstool.methods.rts import COLUMNS, ROWS, smoothed_change, smoother_gain
 
 CORNER = ATTITUDE + 3
@@ -137,6 +137,16 @@ def _keep(after: FloatArray, corner: FloatArray) -> None:
 
 
 @part()
+def _compare(after: FloatArray, slow: int, variance: FloatArray) -> None:
+    """Variance of the position's error less the slow one of fixes."""
+    for i in range(3):
+        p = POSITION + i
+        variance[i] = after[p, p]
+        if slow >= 0:
+            variance[i] += after[slow + i, slow + i] - 2.0 * after[p, slow + i]
+
+
+@part()
 def _driven_first(plus: FloatArray, minus: FloatArray, decay: FloatArray, order: IntArray) -> int:
     """Put states that noise drives before others, whose errors stay as they are; how many."""
     n = len(order)
@@ -176,6 +186,8 @@ def smooth_backward(
     lines: FloatArray,
     order: IntArray,
     d: FloatArray,
+    slow: int,
+    fix_variance: FloatArray,
     whole: FloatArray,
 ) -> None:
     """Smooth from the last row to the first.
@@ -196,6 +208,11 @@ def smooth_backward(
         Of :func:`room`.
     d : ndarray, shape (m, n)
         Gets what later rows add to the estimate of each.
+    slow : int
+        First of the states of the fixes' slow errors; negative where there are none.
+    fix_variance : ndarray, shape (m, 3)
+        Gets the variance of the position less the slow error, which is what a fix compares, but
+        for that of a last row that is smoothed already.
     whole : ndarray, shape (m, n, n), or without rows
         Gets the smoothed covariances, but for that of a last row that is smoothed already.
     """
@@ -207,6 +224,7 @@ def smooth_backward(
         d[last, i] = 0.0
     if begins:
         _unpack_after(corner[last], rest[last], n, after)
+        _compare(after, slow, fix_variance[last])
         if len(whole) > 0:
             _keep(after, whole[last])
     for k in range(last - 1, -1, -1):
@@ -247,5 +265,6 @@ def smooth_backward(
                     after[at, to] = plus[at, to] + by
                     after[to, at] = after[at, to]
             _keep(after, corner[k])
+        _compare(after, slow, fix_variance[k])
         if len(whole) > 0:
             _keep(after, whole[k])

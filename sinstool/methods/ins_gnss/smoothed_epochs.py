@@ -31,7 +31,7 @@ import numpy as np
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.methods.ins_gnss.results import StoredEpochs
 from sinstool.methods.ins_gnss.rts import Packed, pack, room, smooth_backward
-from sinstool.methods.ins_gnss.states import FilterKind
+from sinstool.methods.ins_gnss.states import GNSS_POSITION, FilterKind
 
 # Bytes of rows that are smoothed before their memory is given back.
 AT_ONCE = 16 << 20
@@ -53,6 +53,9 @@ class SmoothedEpochs:
         The same just before the row's measurements; zeros where the row starts a segment.
     covariance : ndarray, shape (m, n, n) or (m, CORNER, CORNER)
         A smoother of updates keeps those of position, velocity and attitude alone.
+    fix_error, fix_variance : ndarray, shape (m, 3)
+        The slow error of fixes, NED, m (zeros where the filter has no such states), and the
+        variance of the position less it, m^2: with the white noise of a fix, that of its distance.
     starts : ndarray of bool, shape (m,)
         The row starts a segment.
     first_error, first_covariance : ndarray, shape (n,), (n, n)
@@ -66,6 +69,8 @@ class SmoothedEpochs:
     error: FloatArray
     error_before: FloatArray
     covariance: FloatArray
+    fix_error: FloatArray
+    fix_variance: FloatArray
     starts: np.ndarray
     first_error: FloatArray
     first_covariance: FloatArray
@@ -130,6 +135,8 @@ def smooth_columns(
     after = np.empty((n, n))
     work, change, lines, order = room(n)
     none = np.empty((0, n, n))
+    slow, fix_variance = kind.first(GNSS_POSITION), np.empty((m, 3))
+    fix_error = np.zeros((m, 3)) if slow < 0 else error[:, slow : slow + 3].copy()
     rows = max(1, AT_ONCE // (8 * sum(int(column[0].size) for column in packed)))
     end = m
     while end > 0:
@@ -149,10 +156,14 @@ def smooth_columns(
             lines,
             order,
             d,
+            slow,
+            fix_variance[piece],
             none if whole is None else whole[piece],
         )
         d = d[: end - begin]
         error[begin:end] = d
+        if slow >= 0:
+            fix_error[begin:end] += d[:, slow : slow + 3]
         error_before[begin:end] = np.where(
             starts[begin:end, None], 0.0, d + error_before[begin:end]
         )
@@ -170,6 +181,8 @@ def smooth_columns(
         error,
         error_before,
         packed.corner if whole is None else whole,
+        fix_error,
+        fix_variance,
         starts,
         first,
         first_covariance,

@@ -10,7 +10,11 @@ from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import rotate, wrapped
 from sinstool.core.streams import GnssEpochs, Solution, concatenate
 from sinstool.core.timeline import SECOND
+from sinstool.methods.ins_gnss.results import GnssDiagnostics
+from sinstool.methods.ins_gnss.smoothed_epochs import SmoothedEpochs
 
+# Stamps of one fix in two places differ by rounding only.
+SAME_NS = 100_000
 # Withheld fixes further apart than this many usual intervals are two outages.
 APART = 3.0
 
@@ -28,10 +32,11 @@ class Outage:
     largest_horizontal_m, largest_vertical_m : float or None
         Largest errors; None without heights.
     largest_in_sigmas : float
-        Largest error of an axis over its sigma.
+        Largest error of an axis over its sigma. Solution and fix share slow errors of the receiver:
+        what is known of them is taken off the error, and the sigma is that of the difference.
     rms_in_sigmas : float
-        Root mean square of the errors of all axes at all fixes over their sigmas: near 1 over many
-        outages where sigmas hold.
+        Root mean square of these for all axes at all fixes: near 1 over many outages where sigmas
+        hold.
     """
 
     start_ns: int
@@ -86,6 +91,9 @@ class Withheld:
         self._first = np.concatenate([[0], np.flatnonzero(between) + 1]).astype(np.int64)
         shape = (len(self._fixes), 3)
         self._error, self._sigma = np.full(shape, np.nan), np.full(shape, np.nan)
+        # Errors less what is known of the fix's own, and sigmas of these; NaN until they are known
+        self._apart, self._apart_sigma = np.full(shape, np.nan), np.full(shape, np.nan)
+        self._slow = np.zeros(shape)
         self._last: Solution | None = None
 
     def push(self, solution: Solution) -> None:
@@ -117,14 +125,65 @@ class Withheld:
         sigma = np.sqrt(np.einsum("nii->ni", covariance[k]) + said**2)
         self._error[rows[near]], self._sigma[rows[near]] = error[near], sigma[near]
 
+    def filtered(self, gnss: GnssDiagnostics) -> None:
+        """Take what the filter says of the fixes: innovations, and what these should be.
+
+        Parameters
+        ----------
+        gnss : GnssDiagnostics
+            Of a run whose solutions are scored.
+        """
+        rows, at = self._of(gnss)
+        self._apart[rows] = gnss.innovation[at, :3]
+        self._apart_sigma[rows] = gnss.innovation_sigma[at, :3]
+
+    def smoothed(self, gnss: GnssDiagnostics, epochs: SmoothedEpochs) -> None:
+        """Take what a smoother says of the fixes' errors.
+
+        Parameters
+        ----------
+        gnss : GnssDiagnostics
+            Of the filter.
+        epochs : SmoothedEpochs
+        """
+        rows, at = self._of(gnss)
+        t = gnss.time_ns[at]
+        inside = (t >= epochs.time_ns[0]) & (t <= epochs.time_ns[-1])
+        rows, at = rows[inside], at[inside]
+        k = np.clip(np.searchsorted(epochs.time_ns, gnss.time_ns[at]), 1, len(epochs) - 1)
+        begin = epochs.time_ns[k - 1]
+        length = np.maximum(epochs.time_ns[k] - begin, 1)
+        share = np.clip((gnss.time_ns[at] - begin) / length, 0.0, 1.0)[:, None]
+        slow, variance = (
+            column[k - 1] + share * (column[k] - column[k - 1])
+            for column in (epochs.fix_error, epochs.fix_variance)
+        )
+        self._slow[rows] = slow
+        self._apart_sigma[rows] = np.sqrt(variance + np.square(gnss.measurement_sigma[at, :3]))
+
+    def _of(self, gnss: GnssDiagnostics) -> tuple[np.ndarray, np.ndarray]:
+        """Fixes that the filter compared, and where it did."""
+        at = np.flatnonzero(gnss.withheld & np.isfinite(gnss.innovation[:, 0]))
+        if not len(at) or not len(self._fixes):
+            return at[:0], at[:0]
+        # The first fix that is not earlier, but for rounding
+        rows = np.searchsorted(self._fixes.time_ns, gnss.time_ns[at] - SAME_NS)
+        rows = np.minimum(rows, len(self._fixes) - 1)
+        same = np.abs(self._fixes.time_ns[rows] - gnss.time_ns[at]) < SAME_NS
+        return rows[same], at[same]
+
     def score(self) -> WithheldScore | None:
         """Errors by outage: its time and length, the largest errors, and their size in sigmas.
 
-        Sigmas are those of the solution and of the fix together. None where no outage was seen.
+        None where no outage was seen.
         """
+        apart = np.where(np.isfinite(self._apart), self._apart, self._error + self._slow)
+        known = np.isfinite(self._apart_sigma)
+        # Before the filter's start, what the receiver states and the solution's own
+        every = np.where(known, apart / self._apart_sigma, self._error / self._sigma)
         outages = []
         for part in np.split(np.arange(len(self._fixes)), self._first[1:]):
-            error, in_sigmas = self._error[part], self._error[part] / self._sigma[part]
+            error, in_sigmas = self._error[part], every[part]
             if not np.isfinite(error).any():
                 continue
             horizontal = np.hypot(error[:, 0], error[:, 1])

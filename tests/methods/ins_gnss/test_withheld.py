@@ -1,12 +1,18 @@
 """Errors of a solution at fixes that it was not given, where both are known in closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from sinstool.core.streams import GnssEpochs, Solution
+from sinstool.methods.ins_gnss.settings import GnssModel
+from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.withheld import Withheld
+from sinstool.simulation.gnss import GnssErrors
 from tests.helpers.optimal_filter import radii
+from tests.methods.ins_gnss.flown import Flown
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -94,3 +100,53 @@ def test_fixes_that_nothing_reaches_give_no_score():
     assert scored.score() is None
     scored.push(solution(at[-1:] + np.arange(1, 4) * SECOND))
     assert scored.score() is None
+
+
+def navigated(updates):
+    """Outputs of a filter or smoother as solutions."""
+    place = np.stack([updates.latitude, updates.longitude, updates.height], 1)
+    return Solution(
+        updates.time_ns,
+        updates.time_ns,
+        updates.q_nb,
+        updates.omega_ib_b,
+        updates.specific_force_b,
+        place,
+        updates.velocity_n,
+        covariance_position_n=updates.covariance_position_n,
+    )
+
+
+def test_errors_over_sigma_where_fixes_wander():
+    # Solution and fix share what varies slowly; the receiver states ten times its white noise
+    white, slow, tau = (0.3, 0.3, 0.5), (2.0, 2.0, 3.0), 60.0
+    errors = GnssErrors(white, slow, tau, (0.05, 0.05, 0.08))
+    model = GnssModel(white, slow, tau, (0.05, 0.05, 0.08), (1e-3,) * 3)
+    squares = {"filter": [], "smoother": [], "stated": []}
+    for seed in range(24):
+        flown = Flown(seed, errors=errors)
+        stated = np.full((len(flown.gnss), 3), 3.0)
+        t = (flown.gnss.time_ns - flown.gnss.time_ns[0]) * 1e-9
+        withheld = ((t > 60.0) & (t < 75.0)) | ((t > 120.0) & (t < 135.0))
+        run, blocks = flown.run(
+            flown.using("markov-21", gnss=model), withheld=withheld, store=True, with_baro=False
+        )
+        received = replace(flown.gnss, sigma_position_n=stated)
+        scores = {name: Withheld(received, withheld, (0.0,) * 3) for name in squares}
+        with Smoother(run.kind) as smoother:
+            for block in blocks:
+                scores["filter"].push(navigated(block.updates))
+                scores["filter"].filtered(block.gnss)
+                smoother.push(block)
+            epochs = smoother.epochs()
+            for block in blocks:
+                scores["smoother"].smoothed(block.gnss, epochs)
+            for updates in smoother.blocks(epochs):
+                scores["smoother"].push(navigated(updates))
+                scores["stated"].push(navigated(updates))
+        for name, scored in scores.items():
+            squares[name] += [one.rms_in_sigmas**2 for one in scored.score().outages]
+    found = {name: np.sqrt(np.mean(values)) for name, values in squares.items()}
+    assert found["filter"] == pytest.approx(1.0, abs=0.08)
+    assert found["smoother"] == pytest.approx(1.0, abs=0.08)
+    assert found["stated"] < 0.6

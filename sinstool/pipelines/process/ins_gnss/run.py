@@ -185,7 +185,7 @@ class FilterRun(Mode):
         )
         arm = start.settings.lever_arm_b
         self._score = Withheld(valid, start.withheld, arm)
-        self._filtered = Withheld(valid, start.withheld, arm)
+        self._filtered = Withheld(valid, start.withheld, arm) if self._smooth else self._score
         turned = None if start.offsets is None else start.offsets.turned
         half = 0.0 if self._sample_kind_known else 0.5 * self.source.survey.interval_ns / SECOND
         shared = start.latency_status != "given" and start.settings.gnss_latency != 0.0
@@ -254,6 +254,8 @@ class FilterRun(Mode):
             self._mounted(None if vehicle is None else vehicle.c_vb)
             log_time = np.concatenate(log_times)
             smoothed = smoother.epochs()
+            for gnss in self._gnss if self._hidden else ():
+                self._score.smoothed(gnss, smoothed)
             first = smoothed_start(stretch.start.start, smoothed)
             yield from self._scored(self._earlier(stretch, first))
             events = stretch.filter.events
@@ -317,6 +319,7 @@ class FilterRun(Mode):
             self._biases.append((int(imu.time_ns[-1]), estimate.gyro_bias, estimate.accel_bias))
             self._offset_ns = int(imu.log_time_ns[-1]) - int(imu.time_ns[-1])
             if len(block.gnss):
+                self._filtered.filtered(block.gnss)
                 self._gnss.append(block.gnss)
                 self._unwritten.append(block.gnss)
             yield block, imu
