@@ -21,17 +21,18 @@ import numpy as np
 from benchmarks.common import compensated, rows_of
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
-from sinstool.core import earth
-from sinstool.core.rotation import conjugate, exp, log, multiply, normalise, rotate
-from sinstool.core.streams import GnssEpochs, Imu, concatenate
+from sinstool.core.rotation import conjugate, exp, log, multiply, normalise
+from sinstool.core.streams import GnssEpochs, Imu, Solution, concatenate
 from sinstool.io.readers.open import open_log
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity, velocity_lag
 from sinstool.methods.ins_gnss.latency import Latency, correlate, inertial_velocity
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings, Start
+from sinstool.methods.ins_gnss.smoothed_epochs import SmoothedEpochs
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.start import start_at
+from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
@@ -102,6 +103,7 @@ class Run:
     time_ns: int
     how: str
     block: FilterBlock
+    epochs: SmoothedEpochs
     smooth: UpdateColumns
     seconds: float
     text: str
@@ -155,10 +157,11 @@ def run(
     block = ran.push(later(data.increments, time_ns), data.gnss, hidden)
     with Smoother(ran.kind) as smoother:
         smoother.push(block)
-        smooth = concatenate_updates(list(smoother.blocks(smoother.epochs())))
+        epochs = smoother.epochs()
+        smooth = concatenate_updates(list(smoother.blocks(epochs)))
     result = ran.summary
     text = f"NIS/row {result.mean_nis:.2f}, {result.epochs_gated} gated, {result.restarts} restarts"
-    return Run(first, time_ns, how, block, smooth, time.perf_counter() - tic, text)
+    return Run(first, time_ns, how, block, epochs, smooth, time.perf_counter() - tic, text)
 
 
 def concatenate_updates(blocks: list[UpdateColumns]) -> UpdateColumns:
@@ -188,45 +191,46 @@ def find_latency(data: Log, drive: Drive) -> tuple[Latency, float]:
     return result, time.perf_counter() - tic
 
 
-def off_fixes(at: UpdateColumns, gnss: GnssEpochs, settings: Settings, rows: np.ndarray):
-    """North and east from the fixes, m, and sigma of each."""
-    t = gnss.time_ns[rows] - round(settings.gnss_latency * 1e9)
-    k = np.clip(np.searchsorted(at.time_ns, t), 1, len(at) - 1)
-    share = (t - at.time_ns[k - 1]) / (at.time_ns[k] - at.time_ns[k - 1])
-    lat = at.latitude[k - 1] + share * (at.latitude[k] - at.latitude[k - 1])
-    lon = at.longitude[k - 1] + share * (at.longitude[k] - at.longitude[k - 1])
-    meridian, transverse = earth.radii_of_curvature(lat)
-    arm = rotate(at.q_nb[k], np.asarray(settings.lever_arm_b))
-    error = np.column_stack(
-        [
-            (lat - gnss.latitude[rows]) * (meridian + at.height[k]) + arm[:, 0],
-            (lon - gnss.longitude[rows]) * (transverse + at.height[k]) * np.cos(lat) + arm[:, 1],
-        ]
-    )
-    variance = np.stack([at.covariance_position_n[k, i, i] for i in range(2)], axis=1)
-    slow = np.square(settings.gnss.position_markov[:2]) + np.square(
-        settings.gnss.position_white[:2]
-    )
-    return error, np.sqrt(variance + slow)
-
-
 def outages(data: Log, settings: Settings, first: float, length: float, period: float):
-    """Largest horizontal error of each outage, filter and smoother, and share within 3 sigma."""
+    """Largest horizontal error of each outage, and errors over sigma, of filter and smoother."""
     t = (data.gnss.time_ns - data.gnss.time_ns[0]) * 1e-9
     begins = np.arange(first, t[-1] - length - 5.0, period)
     hidden = np.zeros(len(t), bool)
     for begin in begins:
         hidden |= (t >= begin) & (t < begin + length)
     answer = run(data, settings, hidden)
+    valid = replace(data.gnss, time_ns=data.gnss.time_ns - round(settings.gnss_latency * 1e9))
     table = []
-    for begin in begins:
-        rows = (t >= begin) & (t < begin + length) & data.gnss.has_position
-        line = [begin]
-        for at in (answer.filter, answer.smooth):
-            error, sigma = off_fixes(at, data.gnss, settings, rows)
-            line += [np.hypot(*error.T).max(), float(np.max(np.abs(error) / sigma))]
-        table.append(line)
-    return answer, np.array(table)
+    for at in (answer.filter, answer.smooth):
+        scored = Withheld(valid, hidden, settings.lever_arm_b)
+        scored.push(solution(at))
+        if at is answer.filter:
+            scored.filtered(answer.block.gnss)
+        else:
+            scored.smoothed(answer.block.gnss, answer.epochs)
+        score = scored.score()
+        assert score is not None
+        table.append(
+            [
+                (one.largest_horizontal_m, one.largest_in_sigmas, one.rms_in_sigmas)
+                for one in score.outages
+            ]
+        )
+    return answer, np.column_stack([begins, *table])
+
+
+def solution(at: UpdateColumns) -> Solution:
+    """What is scored of these outputs."""
+    return Solution(
+        at.time_ns,
+        at.time_ns,
+        at.q_nb,
+        at.omega_ib_b,
+        at.specific_force_b,
+        np.stack([at.latitude, at.longitude, at.height], axis=1),
+        at.velocity_n,
+        covariance_position_n=at.covariance_position_n,
+    )
 
 
 def receiver_attitude(folder: Path, drive: Drive, at: UpdateColumns):
@@ -339,12 +343,16 @@ def report(folder: Path, name: str) -> None:
         answer, table = outages(data, settings, first, length, period)
         rms = np.sqrt(np.mean(table**2, axis=0))
         print(f"  outages of {length:.0f} s: {answer.text}")
-        print("    from s   filter m  (/sigma)  smoother m  (/sigma)")
+        print("    from s   filter m  largest / sigma, all   smoother m  largest / sigma, all")
         for line in table:
             print(
-                f"    {line[0]:6.0f} {line[1]:10.2f} {line[2]:9.2f} {line[3]:11.2f} {line[4]:9.2f}"
+                f"    {line[0]:6.0f} {line[1]:10.2f} {line[2]:16.2f} {line[3]:5.2f}"
+                f" {line[4]:12.2f} {line[5]:16.2f} {line[6]:5.2f}"
             )
-        print(f"    rms    {rms[1]:10.2f} {'':9s} {rms[3]:11.2f}")
+        print(
+            f"    rms    {rms[1]:10.2f} {rms[2]:16.2f} {rms[3]:5.2f}"
+            f" {rms[4]:12.2f} {rms[5]:16.2f} {rms[6]:5.2f}"
+        )
         if name == "rtk" and length == 15.0:
             print("    published: 7.4 m filter, 7.2 with zero velocity, 0.46 looking back")
             phases(data, settings, length, period)
@@ -354,15 +362,15 @@ def phases(data: Log, settings: Settings, length: float, period: float) -> None:
     """The same outages beginning elsewhere: how much of the figures is where they happen to lie."""
     firsts = np.arange(30.0, 30.0 + period, 3.0)
     tables = [outages(data, settings, first, length, period)[1] for first in firsts]
-    rms = np.array([np.sqrt(np.mean(table[:, [1, 3]] ** 2, axis=0)) for table in tables])
+    rms = np.array([np.sqrt(np.mean(table[:, [1, 4]] ** 2, axis=0)) for table in tables])
     every = np.concatenate(tables)
     print(
         f"    beginning at {firsts[0]:.0f}, {firsts[1]:.0f} ... {firsts[-1]:.0f} s, rms of"
         f" {len(every)} outages: filter {np.sqrt(np.mean(every[:, 1] ** 2)):.2f} m (each beginning"
         f" {rms[:, 0].min():.2f} to {rms[:, 0].max():.2f}), smoother"
-        f" {np.sqrt(np.mean(every[:, 3] ** 2)):.2f} m ({rms[:, 1].min():.2f} to"
+        f" {np.sqrt(np.mean(every[:, 4] ** 2)):.2f} m ({rms[:, 1].min():.2f} to"
         f" {rms[:, 1].max():.2f}); beyond 3 sigma {100 * np.mean(every[:, 2] > 3):.0f} % and"
-        f" {100 * np.mean(every[:, 4] > 3):.0f} %"
+        f" {100 * np.mean(every[:, 5] > 3):.0f} %"
     )
 
 
