@@ -101,15 +101,35 @@ class _Times:
         return int(np.searchsorted(self.place, place))
 
 
-def may_have_stepped(time_ns: IntArray, log_ns: IntArray) -> bool:
-    """Whether times of an Imu's samples, in the order of the file, are not those of one clock."""
-    for times in (time_ns, log_ns):
+def may_have_stepped(parts: Sequence[tuple[IntArray, IntArray]]) -> bool:
+    """Whether times of an Imu's samples are not those of one clock.
+
+    Parameters
+    ----------
+    parts : sequence of (time_ns, log_time_ns)
+        In the order of the file.
+    """
+    for column in zip(*parts, strict=True):
+        if not _leaps_somewhere(column):
+            continue
+        times = np.concatenate(column)
         steps = np.diff(times)
         if len(steps) and int(steps.min()) < -LEAST_NS:
             return True
         levels = (even_level(times, row) for row in leaps(times).tolist())
         if any(level is not None and level.sure for level in levels):
             return True
+    return False
+
+
+def _leaps_somewhere(parts: Sequence[IntArray]) -> bool:
+    """Whether any interval is long or negative enough for a step."""
+    last: IntArray | None = None
+    for times in parts:
+        steps = np.diff(times) if last is None else np.diff(times, prepend=last)
+        if len(steps) and max(int(steps.max()), -int(steps.min())) > LEAST_NS:
+            return True
+        last = times[-1:] if len(times) else last
     return False
 
 

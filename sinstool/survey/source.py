@@ -286,10 +286,7 @@ def survey_samples(
 def _may_have_stepped(found: Survey, samples: SampleCache) -> bool:
     """Whether a clock may have been set while the log was recorded."""
     if found.time_source == "stamp" and samples.blocks:
-        columns = zip(
-            *((block.time_ns, block.log_time_ns) for block in samples.blocks), strict=True
-        )
-        return may_have_stepped(*map(np.concatenate, columns))
+        return may_have_stepped([(block.time_ns, block.log_time_ns) for block in samples.blocks])
     low, high = found.clock_offset_s
     longest_s = max((length for _, length in found.gaps), default=0.0)
     back = found.order.lateness_ns > LEAST_NS or found.time_source == "log"

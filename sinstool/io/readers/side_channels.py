@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
+from sinstool.core.parts import kernel
 from sinstool.io.readers.batch import RawBatch
 
 # Largest size of the cache, columns included; larger topics are read again from the log
@@ -60,8 +61,9 @@ class SideChannelCache:
             self.channels = frozenset()
             self._empty()
             return
-        places = np.repeat(chosen.offset - begins, chosen.length) + np.arange(ends[-1])
-        self._payload += memoryview(chosen.buffer[places])
+        together = np.empty(int(ends[-1]), np.uint8)
+        _put_together(chosen.buffer, chosen.offset, chosen.length, together)
+        self._payload += memoryview(together)
         for name, columns in self._columns.items():
             columns.append(size + begins if name == "offset" else getattr(chosen, name).copy())
         self._position = batch.position
@@ -93,6 +95,19 @@ class SideChannelCache:
             part = whole.rows(slice(begin, begin + ROWS))
             if len(chosen := part.select(selection)):
                 yield chosen
+
+
+@kernel()
+def _put_together(buffer, offset, length, out):  # type: ignore[no-untyped-def]
+    """Copy messages one behind the other."""
+    # Unsigned, as in the writer of chunks: the compiler vectorises the inner loop
+    at = np.uint64(0)
+    for i in range(offset.shape[0]):
+        o = np.uint64(offset[i])
+        n = np.uint64(length[i])
+        for b in range(n):
+            out[at + b] = buffer[o + b]
+        at += n
 
 
 _COLUMNS = ("channel", "offset", "length", "log_time", "publish_time", "sequence")
