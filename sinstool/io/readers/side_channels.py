@@ -63,7 +63,7 @@ class SideChannelCache:
             return
         together = np.empty(int(ends[-1]), np.uint8)
         _put_together(chosen.buffer, chosen.offset, chosen.length, together)
-        self._payload += memoryview(together)
+        self._payload += together.data
         for name, columns in self._columns.items():
             columns.append(size + begins if name == "offset" else getattr(chosen, name).copy())
         self._position = batch.position

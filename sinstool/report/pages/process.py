@@ -193,7 +193,10 @@ def _withheld(result: ProcessResult) -> Table | None:
         "largest_in_sigmas": Column("largest on an axis", "sigma", ".2f"),
         "rms_in_sigmas": Column("rms of all axes", "sigma", ".2f"),
     }
-    note = "Navigation minus the withheld fixes; includes their own noise."
+    note = (
+        "Navigation minus the withheld fixes; includes their own noise. In sigmas: less what is"
+        " known of the receiver's slow errors, over the sigma of the rest."
+    )
     return _by_start("Withheld fixes", "Outage", result, scores.outages, columns, (note,))
 
 
