@@ -301,8 +301,7 @@ class FilterRun(Mode):
         pieces = _pieces(
             steps.from_time(p.time_ns, progress=progress), DETAIL_ROWS if self._detailed else None
         )
-        columns = measurements(p)
-        last_ns = p.time_ns
+        columns, last_ns = measurements(p), p.time_ns
         for increments, imu in pieces:
             if self._begins_anew(stretch, last_ns, increments):
                 return
@@ -319,11 +318,12 @@ class FilterRun(Mode):
             self._biases.append((int(imu.time_ns[-1]), estimate.gyro_bias, estimate.accel_bias))
             self._offset_ns = int(imu.log_time_ns[-1]) - int(imu.time_ns[-1])
             if len(block.gnss):
-                self._filtered.filtered(block.gnss)
+                if p.settings.feedback == "closed":  # else too far off for linear innovations
+                    self._filtered.filtered(block.gnss)
                 self._gnss.append(block.gnss)
                 self._unwritten.append(block.gnss)
             yield block, imu
-            # What is freed before the next block is reused: new memory is cleared first
+            # Reused by the next block: new memory is cleared first
             del block, updates
 
     def _begins_anew(self, stretch: Stretch, last_ns: int, increments: Increments) -> bool:
