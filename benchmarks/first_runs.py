@@ -6,9 +6,9 @@
 Eight runs of `process` begin at the same time with an empty cache; then again with what they left
 there. Another user runs an installation that is not theirs, with a home of their own and without
 one; a user without a home runs one that nobody may write. Every run must exit with 0, write what
-a usual run writes, byte for byte, and print nothing but the one line that says how the cache can
-be kept, where it cannot. What another user does is run by root only. Exits with 1 where that does
-not hold.
+a usual run writes, byte for byte, and print what that prints, and where the cache cannot be kept,
+the one line that says how it can. What another user does is run by root only. Exits with 1 where
+that does not hold.
 
 With a log, prints instead what its first run costs in each mode: processor time with an empty
 cache, and in the run after it.
@@ -55,12 +55,20 @@ def start(
 
 
 def judge(name: str, runs: Sequence[subprocess.Popen[str]], outs: Sequence[Path], same: bytes,
-          lines: int = 0) -> int:  # fmt: skip
-    """Wait for runs, print a line of what came of them, and return how many are wrong."""
+          usual: str, lines: int = 0) -> int:  # fmt: skip
+    """Wait for runs, print a line of what came of them, and return how many are wrong.
+
+    Parameters
+    ----------
+    usual : str
+        What any run prints about the log.
+    lines : int, optional
+        How many more lines are expected.
+    """
     begun = time.monotonic()
     wrong = 0
     for run, out in zip(runs, outs, strict=True):
-        said = run.communicate()[0].strip()
+        said = run.communicate()[0].replace(usual, "").strip()
         fine = run.returncode == 0 and len(said.splitlines()) == lines and "Traceback" not in said
         fine = fine and (not lines or "NUMBA_CACHE_DIR" in said)
         if not (fine and out.read_bytes() == same):
@@ -96,13 +104,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         folder.chmod(0o755)
         shutil.copy(LOG, folder / "log.mcap")
         usual = folder / "usual.mcap"
-        start(usual, {}).wait()
+        said = start(usual, {}).communicate()[0].strip()
         same = usual.read_bytes()
 
         outs = [folder / f"{k}.mcap" for k in range(options.runs)]
         cache = {"NUMBA_CACHE_DIR": str(folder / "cache")}
         for which in ("an empty cache", "what they left in it"):
-            wrong += judge(f"at once, {which}", [start(o, cache) for o in outs], outs, same)
+            wrong += judge(f"at once, {which}", [start(o, cache) for o in outs], outs, same, said)
 
         if os.geteuid() or not shutil.which("setpriv"):
             print("neither root nor setpriv: runs of another user are left out")
@@ -125,7 +133,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             ("another user, a read-only installation and no home", nowhere, 1),
         ):
             runs = [start(out, environment, OTHER, installed)]
-            wrong += judge(shown, runs, [out], same, lines)
+            wrong += judge(shown, runs, [out], same, said, lines)
         left = [p for p in folder.rglob("*") if ".sinstool-part" in p.name]
         left += [p for p in (folder / "cache").rglob("*.nb*") if p.suffix != ".nbc"]
         if left:

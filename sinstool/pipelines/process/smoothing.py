@@ -352,10 +352,14 @@ class Smoothing:
             )
         elif s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
             at = (self._worst_ns - first_ns) / SECOND
+            usual, most = f"{s.tilt_sigma_deg:.2g} deg", f"{s.tilt_sigma_largest_deg:.2g} deg"
+            known = f"roll and pitch are known to {usual}"
+            text = f"{known} only (1 sigma)"
+            if most != usual:
+                text = f"{known} (1 sigma, median), but only to {most} at {at:.1f} s"
             yield Finding(
                 "uncertain-tilt",
-                f"roll and pitch are known to {s.tilt_sigma_deg:.2g} deg (1 sigma, median), but"
-                f" only to {s.tilt_sigma_largest_deg:.2g} deg at {at:.1f} s",
+                text,
                 start_ns=self._worst_ns,
                 end_ns=self._worst_ns,
                 numbers={"tilt_sigma_deg": s.tilt_sigma_largest_deg},
