@@ -307,7 +307,7 @@ class InsGnssFilter:
             most = min(most, INTERVAL)
         room = int(epochs + 2.0 * spent / most) + 8
         stored = layout.new_stored(room if self._store else 1, n)
-        channel_events = height_layout.new_events(len(heights)) if self.kind.needs_baro else None
+        channel_events = height_layout.new_events(len(heights))
         events = np.empty((_MOST_EVENTS, layout.EVENT_WIDTH))
         diagnoses = np.full((epochs, layout.DIAGNOSTICS), np.nan)
         out = np.empty((len(time_ns) if self._output else 0, layout.OUTPUT))
@@ -401,7 +401,7 @@ class InsGnssFilter:
         return int(later[0]) if len(later) else len(self._baro[0])
 
     def _note(
-        self, events: FloatArray, channel_events: FloatArray | None, origin: int, earlier: float
+        self, events: FloatArray, channel_events: FloatArray, origin: int, earlier: float
     ) -> None:
         for kind, time, size in events.tolist():
             self.events.append(
@@ -410,8 +410,7 @@ class InsGnssFilter:
                 )
             )
         new = int(self._memory.channel[height_layout.S_EVENTS])
-        if channel_events is not None:
-            self.channel_events += height_layout.read_events(channel_events[:new])
+        self.channel_events += height_layout.read_events(channel_events[:new])
         self._memory.channel[height_layout.S_EVENTS] = earlier + new
 
 

@@ -60,7 +60,7 @@ def run(
     baro_time: FloatArray,
     baro_height: FloatArray,
     baro_reason: IntArray,
-    channel_events: FloatArray | None,
+    channel_events: FloatArray,
     events: FloatArray,
     diagnoses: FloatArray,
     out: FloatArray,
@@ -96,9 +96,8 @@ def run(
         s, in order of arrival, and m.
     baro_reason : ndarray of int64, shape (b,)
         See :func:`sinstool.methods.height.channel.baro_sample`.
-    channel_events : ndarray or None
-        Of the vertical channel. None of a filter without a barometer: all that deals with one is
-        left out of what is compiled, a quarter of it.
+    channel_events : ndarray
+        Of the vertical channel.
     events : ndarray
         Of the filter.
     diagnoses : ndarray, shape (f, DIAGNOSTICS)
@@ -213,7 +212,7 @@ def run(
             vd0 = nav[V_DOWN]
             step(nav[:], px, py, pz, ux, uy, uz, d, 0)
             m.now = now
-            if channel_events is not None and model.has_network > 0.0:
+            if model.has_network > 0.0:
                 dh, dw = propagate(
                     m.channel,
                     model.network,
@@ -229,32 +228,31 @@ def run(
             inverse = 1.0 / d
             rate_x, rate_y, rate_z = px * inverse, py * inverse, pz * inverse
 
-            if channel_events is not None:
-                share = model.baro_decay * d
-                m.channel[S_BARO_BIAS] *= 1.0 - share + 0.5 * share * share
-                while baro_next < len(baro_time) and baro_time[baro_next] <= now:
-                    if model.has_network > 0.0:
-                        baro.network_sample(
-                            m,
-                            model,
-                            stored,
-                            events,
-                            channel_events,
-                            baro_time[baro_next],
-                            baro_height[baro_next],
-                            baro_reason[baro_next],
-                        )
-                    if model.baro_row > 0.0:
-                        baro.note_difference(
-                            m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
-                        )
-                    baro_next += 1
+            share = model.baro_decay * d
+            m.channel[S_BARO_BIAS] *= 1.0 - share + 0.5 * share * share
+            while baro_next < len(baro_time) and baro_time[baro_next] <= now:
+                if model.has_network > 0.0:
+                    baro.network_sample(
+                        m,
+                        model,
+                        stored,
+                        events,
+                        channel_events,
+                        baro_time[baro_next],
+                        baro_height[baro_next],
+                        baro_reason[baro_next],
+                    )
+                if model.baro_row > 0.0:
+                    baro.note_difference(
+                        m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
+                    )
+                baro_next += 1
 
             # GNSS, and what is measured besides where it is due: with a fix rather than alone
             wait = model.row_interval - ROUNDING
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
                 wait *= 0.5
-            if channel_events is not None and m.sample > 0.0:
+            if m.sample > 0.0:
                 m.sample = 0.0
                 if now - m.baro_at >= wait:
                     m.baro_at = now
@@ -310,8 +308,7 @@ def run(
                     due *= 0.5
                 if now - m.constrained_at >= due:
                     land_vehicle.constrain(m, model, stored, grid)
-            corrects = model.correction_row > 0.0 and now - m.row_at >= wait
-            if channel_events is not None and corrects:
+            if model.correction_row > 0.0 and now - m.row_at >= wait:
                 m.row_at = now
                 instants.open_instant(m, model, stored)
                 baro.correction_row(m, model)
@@ -338,7 +335,7 @@ def run(
             else:
                 for i in range(NAV_SIZE):
                     line[i] = m.nav[i]
-            if channel_events is not None and model.has_network > 0.0:
+            if model.has_network > 0.0:
                 line[HEIGHT] = smooth_height(m.channel, now, line[HEIGHT])
             line[layout.O_RATE] = rate_x
             line[layout.O_RATE + 1] = rate_y
