@@ -272,16 +272,12 @@ def _turn_errors(m: Memory, stored: FloatArray) -> None:
     )
     c = dcm(w, qx, qy, qz)
     n, a = m.n, states.ATTITUDE
+    p = m.p
     for j in range(n):
-        m.p[a, j], m.p[a + 1, j], m.p[a + 2, j] = _turned(c, m.p[a, j], m.p[a + 1, j], m.p[a + 2, j])
+        p[a, j], p[a + 1, j], p[a + 2, j] = _turned(c, p[a, j], p[a + 1, j], p[a + 2, j])
     for i in range(n):
-        p = m.p[i]
-        p[a], p[a + 1], p[a + 2] = _turned(c, p[a], p[a + 1], p[a + 2])
-    m.p[a, a + 1], m.p[a, a + 2], m.p[a + 1, a + 2] = (
-        m.p[a + 1, a],
-        m.p[a + 2, a],
-        m.p[a + 2, a + 1],
-    )
+        p[i, a], p[i, a + 1], p[i, a + 2] = _turned(c, p[i, a], p[i, a + 1], p[i, a + 2])
+    p[a, a + 1], p[a, a + 2], p[a + 1, a + 2] = p[a + 1, a], p[a + 2, a], p[a + 2, a + 1]
     if not m.keep:
         return
     # What a smoother gets of before this instant is in the same axes

@@ -35,8 +35,8 @@ LEAST_APART = 1.2
 ALONE_MOVING, ALONE_STANDING = 0.5, 2.0
 # Largest thresholds on wheels, rad/s and m/s^2; a boat at anchor or a hand shows more at rest.
 MOST = np.array([0.03, 0.5])
-# An engine shakes the IMU where its means scatter by this share, at least, of the variance that they
-# have at rest, within so many steps: before a vehicle is seen to move it may have ceased to.
+# An engine shakes the IMU where its means scatter by this share, at least, of the variance that
+# they have at rest, within so many steps: before a vehicle is seen to move it may have ceased to.
 SHAKES, SHAKEN_WITHIN = 0.25, 3
 # A vehicle rocks before it rests, and pulls away so gently that the beginning does not show: steps
 # that are cut off at the begin and end of a rest, the latter in addition to half the window.
