@@ -148,7 +148,7 @@ def test_an_imu_stands_as_long_as_it_is_shaken(seed):
         values[creeps] = level + 0.1 * (values[creeps] - level) * 3e-3 / 3e-2
     stands = find_rests(means, track).stands
     assert creeps.sum() > 200 and stands[~moves].mean() > 0.99
-    beside = within(~moves, 3, 3) | within(moves & ~creeps, 3, 3)
+    beside = within(~moves, 4, 4) | within(moves & ~creeps, 4, 4)
     assert not (stands & creeps & ~beside).any()
 
 
