@@ -30,6 +30,8 @@ from sinstool.methods.ins_gnss.model import (
 from sinstool.methods.strapdown.navigation import HEIGHT, LATITUDE, LONGITUDE, Q_W, V_NORTH
 from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 
+Matrix = tuple[float, float, float, float, float, float, float, float, float]
+
 _D = states.POSITION + 2
 _VD = states.VELOCITY + 2
 
@@ -199,6 +201,7 @@ def close_instant(m: Memory, model: Model, stored: FloatArray) -> None:
     d_height = 0.0
     if model.closed > 0.0:
         d_height = m.x[_D]
+        _turn_errors(m, stored)
         _feed_back(m, model)
     if m.step_set > 0.0:
         # The channel thought that all of the difference would go out of the height.
@@ -246,6 +249,60 @@ def corrected(nav: FloatArray, x: FloatArray, out: FloatArray) -> None:
     )
     out[Q_W], out[Q_W + 1], out[Q_W + 2], out[Q_W + 3] = product(
         pw, px, py, pz, nav[Q_W], nav[Q_W + 1], nav[Q_W + 2], nav[Q_W + 3]
+    )
+
+
+@part()
+def _turn_errors(m: Memory, stored: FloatArray) -> None:
+    """Turn the errors of attitude with the attitude, as it is corrected.
+
+    What an accelerometer's bias tilts, it tilts in the body. Where heading gets known by many
+    degrees at once, tilts would else stay where they were in NED, as if the body had turned
+    against its biases, and the next fixes would tell the two apart. With psi of the body, C^T psi,
+    as in the left-invariant filter [1]_, nothing is to be turned; in NED it is exp(x) psi.
+
+    References
+    ----------
+    .. [1] A. Barrau, S. Bonnabel, "The invariant extended Kalman filter as a stable observer",
+       IEEE Trans. Automatic Control 62(4), 2017, 1797-1812.
+    """
+    x = m.x
+    w, qx, qy, qz = increment_quaternion(
+        x[states.ATTITUDE], x[states.ATTITUDE + 1], x[states.ATTITUDE + 2], 0
+    )
+    c = dcm(w, qx, qy, qz)
+    n, a = m.n, states.ATTITUDE
+    p = m.p
+    for j in range(n):
+        p[a, j], p[a + 1, j], p[a + 2, j] = _turned(c, p[a, j], p[a + 1, j], p[a + 2, j])
+    for i in range(n):
+        p[i, a], p[i, a + 1], p[i, a + 2] = _turned(c, p[i, a], p[i, a + 1], p[i, a + 2])
+    p[a, a + 1], p[a, a + 2], p[a + 1, a + 2] = p[a + 1, a], p[a + 2, a], p[a + 2, a + 1]
+    if not m.keep:
+        return
+    # What a smoother gets of before this instant is in the same axes
+    row = stored[m.row]
+    transition_at = layout.R_STATES + 2 * n
+    before_at = transition_at + n * n
+    for first in (transition_at, before_at):
+        k = first + a * n
+        for j in range(k, k + n):
+            row[j], row[j + n], row[j + 2 * n] = _turned(c, row[j], row[j + n], row[j + 2 * n])
+    for k in range(before_at + a, before_at + n * n, n):
+        row[k], row[k + 1], row[k + 2] = _turned(c, row[k], row[k + 1], row[k + 2])
+    k = before_at + a * n + a
+    row[k + 1], row[k + 2], row[k + n + 2] = row[k + n], row[k + 2 * n], row[k + 2 * n + 1]
+    dx = m.dx
+    dx[a], dx[a + 1], dx[a + 2] = _turned(c, dx[a], dx[a + 1], dx[a + 2])
+
+
+@part()
+def _turned(c: Matrix, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A vector turned by a matrix, which is given by rows."""
+    return (
+        c[0] * x + c[1] * y + c[2] * z,
+        c[3] * x + c[4] * y + c[5] * z,
+        c[6] * x + c[7] * y + c[8] * z,
     )
 
 

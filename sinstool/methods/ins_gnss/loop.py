@@ -20,7 +20,7 @@ from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION
 from sinstool.methods.ins_gnss import baro, instants, land_vehicle, layout
 from sinstool.methods.ins_gnss.gnss import gnss_epoch
 from sinstool.methods.ins_gnss.layout import Memory, Model
-from sinstool.methods.ins_gnss.model import radii
+from sinstool.methods.ins_gnss.model import errors_of, radii
 from sinstool.methods.ins_gnss.states import ATTITUDE, I_BARO, I_GYRO_AXES, POSITION, VELOCITY
 from sinstool.methods.strapdown.followed_rates import FOLLOWED_S
 from sinstool.methods.strapdown.navigation import (
@@ -179,21 +179,9 @@ def run(
                 px, py, pz = phi[k, 0], phi[k, 1], phi[k, 2]
                 ux, uy, uz = dv[k, 0], dv[k, 1], dv[k, 2]
                 now = time[k]
-            e = m.sensors
-            px, py, pz, ux, uy, uz = remove_bias(
-                px,
-                py,
-                pz,
-                ux,
-                uy,
-                uz,
-                e[0] * d + e[9] / (1.0 + e[9]) * px + e[12] * py + e[13] * pz,
-                e[1] * d + e[10] / (1.0 + e[10]) * py + e[14] * px + e[15] * pz,
-                e[2] * d + e[11] / (1.0 + e[11]) * pz + e[16] * px + e[17] * py,
-                e[6] * d + e[3] / (1.0 + e[3]) * ux + e[18] * uy + e[19] * uz,
-                e[7] * d + e[4] / (1.0 + e[4]) * uy + e[20] * ux + e[21] * uz,
-                e[8] * d + e[5] / (1.0 + e[5]) * uz + e[22] * ux + e[23] * uy,
-            )
+            gx, gy, gz = errors_of(m.sensors, 0, 9, 12, d, px, py, pz)
+            ax, ay, az = errors_of(m.sensors, 6, 3, 18, d, ux, uy, uz)
+            px, py, pz, ux, uy, uz = remove_bias(px, py, pz, ux, uy, uz, gx, gy, gz, ax, ay, az)
             nav = m.nav
             w = nav[Q_W]
             x = nav[Q_W + 1]

@@ -40,6 +40,39 @@ _PN, _PE, _PD = states.ATTITUDE, states.ATTITUDE + 1, states.ATTITUDE + 2
 
 
 @part()
+def errors_of(
+    e: FloatArray, bias: int, scale: int, axes: int, d: float, x: float, y: float, z: float
+) -> tuple[float, float, float]:
+    """What sensors measured too much over an update.
+
+    They show ``(I + K) true + bias d``, so the bias comes off before the rest: that of a bare chip,
+    degrees a second, times K is more than what is left unknown of it.
+
+    Parameters
+    ----------
+    e : ndarray, shape (24,)
+        Sensor errors: see `sensors` of :mod:`~sinstool.methods.ins_gnss.layout`.
+    bias, scale, axes : int
+        Where in them those of these sensors begin.
+    d : float
+        s.
+    x, y, z : float
+        Measured, rad or m/s.
+    """
+    ux, uy, uz = x - e[bias] * d, y - e[bias + 1] * d, z - e[bias + 2] * d
+    sx, sy, sz = 1.0 / (1.0 + e[scale]), 1.0 / (1.0 + e[scale + 1]), 1.0 / (1.0 + e[scale + 2])
+    tx, ty, tz = ux * sx, uy * sy, uz * sz
+    # To second order in the angles
+    for _ in range(2):
+        tx, ty, tz = (
+            (ux - e[axes] * ty - e[axes + 1] * tz) * sx,
+            (uy - e[axes + 2] * tx - e[axes + 3] * tz) * sy,
+            (uz - e[axes + 4] * tx - e[axes + 5] * ty) * sz,
+        )
+    return x - tx, y - ty, z - tz
+
+
+@part()
 def radii(lat: float, h: float) -> tuple[float, float]:
     """Radii of curvature plus height, m: along the meridian and across."""
     s = sin(lat)

@@ -35,6 +35,9 @@ LEAST_APART = 1.2
 ALONE_MOVING, ALONE_STANDING = 0.5, 2.0
 # Largest thresholds on wheels, rad/s and m/s^2; a boat at anchor or a hand shows more at rest.
 MOST = np.array([0.03, 0.5])
+# An engine shakes the IMU where its means scatter by this share, at least, of the variance that
+# they have at rest, within so many steps: before a vehicle is seen to move it may have ceased to.
+SHAKES, SHAKEN_WITHIN = 0.25, 3
 # A vehicle rocks before it rests, and pulls away so gently that the beginning does not show: steps
 # that are cut off at the begin and end of a rest, the latter in addition to half the window.
 CUT_BEGIN, CUT_END = 7, 7
@@ -52,7 +55,7 @@ class Rests:
         Where the fixes show it, too.
     stands : ndarray of bool, shape (g,)
         Where the IMU is as quiet as at rest, and half a window on either side, whatever fixes and
-        track show: there an engine may shake it.
+        track show, as long as it is shaken as much as at rest.
     gyro, accel : float
         Thresholds on the scatter within a window, rad/s and m/s^2; 0 without a threshold.
     reason : str
@@ -79,21 +82,24 @@ def noise_at_rest(means: Means, at: BoolArray) -> tuple[float, float]:
     -------
     force, rate : float
         Power densities, (m/s^2)^2 s and (rad/s)^2 s, mean of the three axes. From medians of the
-        change of the mean from one second to the next, so that people who get in do not count; 0 if
-        rests are too short.
+        change from one second to the next, so that people who get in do not count; 0 if rests are
+        too short. The seconds are weighted by a Hann window (Harris 1978): a tone leaks through the
+        side lobes of a plain mean, and adds nothing to a random walk.
     """
     ends = np.arange(0, len(means) - 2 * WINDOW + 1, WINDOW)
     whole = ends[~within(~at, 0, 2 * WINDOW - 1)[ends]]
     if len(whole) < LEAST_WINDOWS:
         return 0.0, 0.0
-    seconds = WINDOW * STEP_NS * 1e-9
+    taper = np.hanning(WINDOW + 2)[1:-1]
+    taper /= taper.sum()
+    step_s = STEP_NS * 1e-9
     rows = whole[:, None] + np.arange(WINDOW)
     densities = []
     for values in (means.force, means.rate):
-        change = np.mean(values[rows + WINDOW], axis=1) - np.mean(values[rows], axis=1)
-        # Of the difference of two independent means
+        change = np.einsum("k,mki->mi", taper, values[rows + WINDOW] - values[rows])
+        # Of the difference of two independent sums
         square = np.nanmedian(change**2, axis=0) / MEDIAN_SQUARE
-        densities.append(float(np.mean(square)) * seconds / 2.0)
+        densities.append(float(np.mean(square)) * step_s / (2.0 * float(taper @ taper)))
     return densities[0], densities[1]
 
 
@@ -129,8 +135,27 @@ def find_rests(means: Means, track: Track) -> Rests:
     quiet &= ~(shown & (speed > STANDS + 3.0 * sigma))
     rest = ~within(~quiet, CUT_BEGIN, half + CUT_END)
     rest &= ~_near_ends(len(rest), quiet)
+    stands &= rest | _shakes(means, rest)
     gyro, accel = thresholds.tolist()
     return Rests(rest, rest & shown, stands, gyro, accel, reason)
+
+
+def _shakes(means: Means, rest: BoolArray) -> BoolArray:
+    """Where the means scatter from step to step about as they do at rest.
+
+    By second differences, which smooth motion does not change, over their mean squares at rest.
+    """
+    n = len(means)
+    scatter = np.full((n, 6), np.nan)
+    values = np.concatenate([means.rate, means.force], axis=1)
+    scatter[1:-1] = np.diff(values, n=2, axis=0) ** 2
+    usual = np.nanmedian(scatter[rest], axis=0) if rest.any() else np.zeros(6)
+    if not np.all(usual > 0.0):
+        return np.ones(n, bool)
+    total = np.nan_to_num((MEDIAN_SQUARE * scatter / usual).mean(axis=1), nan=1.0)
+    size = 2 * SHAKEN_WITHIN + 1
+    padded = np.pad(total, SHAKEN_WITHIN, mode="edge")
+    return np.asarray(np.convolve(padded, np.full(size, 1.0 / size), "valid") > SHAKES)
 
 
 def _turning(track: Track) -> FloatArray:

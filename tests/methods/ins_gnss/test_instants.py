@@ -180,8 +180,8 @@ def test_sensor_errors_are_taken_off_as_they_came_in(flown):
     step = true.interval[:, None]
     stated = replace(
         true,
-        rotation_vector=(true.rotation_vector + gyro * step) * (1.0 + gyro_scale),
-        velocity_increment=(true.velocity_increment + accel * step) * (1.0 + accel_scale),
+        rotation_vector=true.rotation_vector * (1.0 + gyro_scale) + gyro * step,
+        velocity_increment=true.velocity_increment * (1.0 + accel_scale) + accel * step,
     )
     axes = 1e-4 * np.array([1.0, -2.0, 3.0, 1.5, -2.5, 0.5])
     turned, pushed = true.rotation_vector.copy(), true.velocity_increment.copy()

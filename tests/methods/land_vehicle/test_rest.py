@@ -122,6 +122,36 @@ def test_noise_at_rest_is_that_of_its_seconds():
     assert np.sqrt(shown) == pytest.approx((force, rate), rel=0.15)
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("hertz", [2.3, 2.7, 3.4])
+def test_a_tone_adds_nothing_to_the_noise_at_rest(seed, hertz):
+    """An engine's, as means of a tenth of a second alias it: what it turns it turns back."""
+    means, _, speed = a_drive(seed=seed, minutes=20.0)
+    random = np.random.default_rng(seed)
+    still, n = speed == 0.0, len(speed)
+    force, rate = 0.03, 0.001  # (m/s)/sqrt(s), rad/sqrt(s)
+    tone = np.sin(2.0 * np.pi * (hertz * STEP * np.arange(n)[:, None] + [0.0, 0.3, 0.6]))
+    for values, density in ((means.force, force), (means.rate, rate)):
+        white = density / np.sqrt(STEP)
+        values[:] = white * (random.standard_normal((n, 3)) + 3.0 * tone)
+    assert np.sqrt(noise_at_rest(means, still)) == pytest.approx((force, rate), rel=0.12)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_an_imu_stands_as_long_as_it_is_shaken(seed):
+    """An engine that runs smoothly as soon as the car creeps, which no window of 1 s shows."""
+    means, track, speed = a_drive(seed=seed, minutes=12.0)
+    moves = speed > 0.0
+    creeps = moves & within(~moves, 10, 10)
+    for values in (means.rate, means.force):
+        level = np.median(values, axis=0)
+        values[creeps] = level + 0.1 * (values[creeps] - level) * 3e-3 / 3e-2
+    stands = find_rests(means, track).stands
+    assert creeps.sum() > 200 and stands[~moves].mean() > 0.99
+    beside = within(~moves, 4, 4) | within(moves & ~creeps, 4, 4)
+    assert not (stands & creeps & ~beside).any()
+
+
 def test_too_short_rests_show_no_noise():
     means, _, speed = a_drive(minutes=1.0)
     assert noise_at_rest(means, (speed == 0.0) & (np.arange(len(speed)) % 15 > 0)) == (0.0, 0.0)
