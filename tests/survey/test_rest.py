@@ -204,7 +204,10 @@ def two_rests(seed, speed, moving_s, *, bias=0.0):
     random = np.random.default_rng(seed)
     t = np.arange(0.0, 80.0, 0.01)
     ramp_s = 0.25 * moving_s
-    goes = (t > 30.0) & (t <= 30.0 + ramp_s), (t > 30.0 + moving_s - ramp_s) & (t <= 30.0 + moving_s)
+    goes = (
+        (t > 30.0) & (t <= 30.0 + ramp_s),
+        (t > 30.0 + moving_s - ramp_s) & (t <= 30.0 + moving_s),
+    )
     along = speed / ramp_s * (goes[0].astype(float) - goes[1]) + bias * (t > 30.0)
     gyro = 0.001 * random.standard_normal((len(t), 3)) + [0.01, 0.0, -0.01]
     accel = 0.02 * random.standard_normal((len(t), 3)) + [0.2, 0.1, -9.81]
