@@ -82,8 +82,8 @@ LEAST_SHARE = 0.5
 # All rests of a log show the same bias, rad/s, and the same size of gravity, m/s^2, to within this;
 # steady turns show others.
 SAME_BIAS, SAME_FORCE = 0.02, 0.15
-# What swings all the time is quiet where its rate is largest, to one side and to the other: where all
-# quiet times are shorter than a lull, this share of them must show the same rate.
+# What swings all the time is quiet where its rate is largest, to one side and to the other. So
+# where all quiet times are shorter than a lull, this share of them must show the same rate.
 MOST_ALIKE = 2.0 / 3.0
 # Uncalibrated accelerometers show another size of gravity in each attitude. So the size does not
 # count where the rate agrees with that of the other rests to this, rad/s, beside noise.
