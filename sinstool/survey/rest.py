@@ -35,8 +35,9 @@ BIAS_CHANGE = 0.0175
 # Fixes this far apart show a speed, s.
 APART_S = 5.0
 # A rest continues after a knock of at most KNOCK_S that changed velocity, m/s, attitude, rad, and
-# specific force, m/s^2, by no more than this.
-KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE = 30.0, 0.5, 0.05, 0.15
+# specific force, m/s^2, by no more than this, and moved the vehicle by no more than KNOCK_M, m: one
+# that goes straight on from one rest to the next changes nothing else.
+KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE, KNOCK_M = 30.0, 0.5, 0.05, 0.15, 1.0
 # Fixes at rest further than UNSETTLED_M, m, from where the vehicle stands, and further than noise
 # takes one of them with the probability CHANCE, show that the receiver had not settled; then fixes
 # further than noise takes them, and until a few seconds later, are left out. The second half of the
@@ -70,17 +71,32 @@ def rest_end(lead_in: StillSpan, spans: tuple[StillSpan, ...], windows: Windows)
             continue
         between = (windows.start_ns >= end.end_ns) & (windows.start_ns < span.start_ns)
         step = seconds[between, None]
-        gained = (step * (windows.accel[between] - lead_in.accel)).sum(axis=0)
+        gains = step * (windows.accel[between] - lead_in.accel)
+        gained = gains.sum(axis=0)
         turned = (step * (windows.gyro[between] - lead_in.gyro)).sum(axis=0)
         if (
             step.sum() > KNOCK_S
             or np.linalg.norm(gained) > KNOCK_M_S
             or np.linalg.norm(turned) > KNOCK_RAD
             or np.linalg.norm(span.accel - lead_in.accel) > KNOCK_FORCE
+            or _farthest(gains, step) > KNOCK_M
         ):
             break
         end = span
     return end.end_ns
+
+
+def _farthest(gains: np.ndarray, step: np.ndarray) -> float:
+    """Distance that a vehicle goes between two rests, by the velocity gained in each window, m.
+
+    What it seems to have gained when it rests again, it did not: an error that is taken to have
+    grown evenly.
+    """
+    velocity = np.cumsum(gains, axis=0)
+    if len(velocity):
+        velocity -= velocity[-1] * np.cumsum(step, axis=0) / step.sum()
+    away = np.linalg.norm(np.cumsum(velocity * step, axis=0), axis=1)
+    return float(away.max(initial=0.0))
 
 
 def shaken_rest(windows: Windows, gnss: GnssEpochs, first_ns: int) -> StillSpan | None:

@@ -7,7 +7,14 @@ import pytest
 
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.still import StillSpan, WindowStage
-from sinstool.survey.rest import calmer, longest_rest, moving_at, settled, shaken_rest
+from sinstool.survey.rest import (
+    calmer,
+    longest_rest,
+    moving_at,
+    rest_end,
+    settled,
+    shaken_rest,
+)
 from tests.helpers.gnss import straight
 
 SECOND = 10**9
@@ -190,3 +197,35 @@ def test_of_two_rates_the_smaller_is_the_bias(spans, chosen):
     made = [quiet(*span) for span in spans]
     assert longest_rest(made, None) is made[chosen]
     assert not calmer(made, made[chosen])
+
+
+def two_rests(seed, speed, moving_s, *, bias=0.0):
+    """The windows of an Imu that rests, is accelerated to a speed and stopped again, and rests."""
+    random = np.random.default_rng(seed)
+    t = np.arange(0.0, 80.0, 0.01)
+    ramp_s = 0.25 * moving_s
+    goes = (
+        (t > 30.0) & (t <= 30.0 + ramp_s),
+        (t > 30.0 + moving_s - ramp_s) & (t <= 30.0 + moving_s),
+    )
+    along = speed / ramp_s * (goes[0].astype(float) - goes[1]) + bias * (t > 30.0)
+    gyro = 0.001 * random.standard_normal((len(t), 3)) + [0.01, 0.0, -0.01]
+    accel = 0.02 * random.standard_normal((len(t), 3)) + [0.2, 0.1, -9.81]
+    accel += along[:, None] * [0.8, 0.6, 0.0]
+    stage = WindowStage()
+    stage.push(np.round(t * SECOND).astype(np.int64), gyro, accel)
+    rate, force = np.array([0.01, 0.0, -0.01]), np.array([0.2, 0.1, -9.81])
+    first = StillSpan(0, 30 * SECOND, 3000, rate, force, 2e-3, 2e-2)
+    later = StillSpan(55 * SECOND, 80 * SECOND, 2500, rate, force, 2e-3, 2e-2)
+    return stage.finish(), first, later
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_vehicle_that_goes_straight_on_from_rest_to_rest_is_not_knocked(seed):
+    """Fixes from before it were left out as those of a receiver that had not settled: 80 m off."""
+    for speed, moving_s in ((3.0, 8.0), (10.0, 20.0), (0.5, 15.0), (-6.0, 12.0)):
+        windows, first, later = two_rests(seed, speed, moving_s)
+        assert rest_end(first, (first, later), windows) == first.end_ns
+    for speed, moving_s in ((0.4, 1.0), (0.0, 4.0), (-0.2, 3.0)):  # knocks, with a drift of bias
+        windows, first, later = two_rests(seed, speed, moving_s, bias=0.01)
+        assert rest_end(first, (first, later), windows) == later.end_ns

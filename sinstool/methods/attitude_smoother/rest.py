@@ -82,6 +82,9 @@ LEAST_SHARE = 0.5
 # All rests of a log show the same bias, rad/s, and the same size of gravity, m/s^2, to within this;
 # steady turns show others.
 SAME_BIAS, SAME_FORCE = 0.02, 0.15
+# What swings all the time is quiet where its rate is largest, to one side and to the other. So
+# where all quiet times are shorter than a lull, this share of them must show the same rate.
+MOST_ALIKE = 2.0 / 3.0
 # Uncalibrated accelerometers show another size of gravity in each attitude. So the size does not
 # count where the rate agrees with that of the other rests to this, rad/s, beside noise.
 EQUAL_BIAS, POOR_FORCE = CALIBRATED, LIKELY * POOR_ACCEL_BIAS
@@ -120,7 +123,7 @@ def with_rest(
         if moves is not None and moves(int(epochs.time_ns[begin]), int(epochs.time_ns[end])):
             still[begin:end] = False
     _note_sway(values, still)
-    still &= _agreeing(values, still)
+    still &= _agreeing(values, still) & (not _swings(values, still))
     values[still, REST] = AT_REST
     return epochs
 
@@ -352,9 +355,24 @@ def _agreeing(rows: np.ndarray, still: np.ndarray) -> np.ndarray:
     force = np.linalg.norm(rows[:, ACCEL : ACCEL + 3], axis=1)
     own = np.linalg.norm(np.sqrt(rows[:, GYRO_VARIANCE : GYRO_VARIANCE + 3]), axis=1)
     unlike, off = np.linalg.norm(rate, axis=1), np.abs(force - median(force[still]))
-    equal = unlike < EQUAL_BIAS + LIKELY * own / np.sqrt(np.maximum(rows[:, COUNT], 1.0))
     near = unlike < SAME_BIAS + own
-    return np.asarray(near & (off < np.where(equal, POOR_FORCE, SAME_FORCE)))
+    return np.asarray(near & (off < np.where(_same_rate(rows, still), POOR_FORCE, SAME_FORCE)))
+
+
+def _swings(rows: np.ndarray, still: np.ndarray) -> bool:
+    """Whether there are only short quiet times, and these are those of a swing."""
+    found = runs(still)
+    if not found or max(end - begin for begin, end in found) >= LULL:
+        return False
+    return float(np.mean(_same_rate(rows, still)[still])) < MOST_ALIKE
+
+
+def _same_rate(rows: np.ndarray, still: np.ndarray) -> np.ndarray:
+    """Epochs whose rate is that of most of the rests, beside noise."""
+    off = rows[:, GYRO : GYRO + 3] - median(rows[still, GYRO : GYRO + 3], axis=0)
+    own = np.linalg.norm(np.sqrt(rows[:, GYRO_VARIANCE : GYRO_VARIANCE + 3]), axis=1)
+    noise = LIKELY * own / np.sqrt(np.maximum(rows[:, COUNT], 1.0))
+    return np.asarray(np.linalg.norm(off, axis=1) < EQUAL_BIAS + noise)
 
 
 def runs(mask: np.ndarray) -> list[tuple[int, int]]:

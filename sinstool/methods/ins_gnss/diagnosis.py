@@ -45,6 +45,7 @@ from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
 from sinstool.methods.ins_gnss.results import GnssDiagnostics, UpdateColumns
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.attitude import AttitudePropagator
+from sinstool.methods.strapdown.followed_rates import followed_rates
 
 # Columns of an innovation by channel
 CHANNELS = {
@@ -95,10 +96,16 @@ def diagnose(
     if len(updates) < 10 or len(gnss) < _LEAST:
         return ()
     first = _first_minute(start, updates, fixes, settings)
-    if first and offsets is not None and offsets.latency_contradicts(settings.gnss_latency):
-        # Velocities at wrong times fit no attitude
-        timed = replace(settings, gnss_latency=offsets.latency_s)
-        first = _first_minute(start, updates, fixes, timed)
+    if first and offsets is not None:
+        # Velocities at wrong times, or of an antenna elsewhere, fit no attitude
+        shown = settings
+        if offsets.latency_contradicts(settings.gnss_latency):
+            shown = replace(shown, gnss_latency=offsets.latency_s)
+        if offsets.arm_contradicts:
+            x, y, z = offsets.arm_b.tolist()
+            shown = replace(shown, lever_arm_b=(x, y, z))
+        if shown is not settings:
+            first = _first_minute(start, updates, fixes, shown)
     if first:
         return tuple(first)
     findings = _lag(fixes) if offsets is None else _time_and_arm(offsets, settings) + _lag(fixes)
@@ -130,7 +137,9 @@ def _first_minute(
     at: FloatArray = (valid - began).astype(np.float64) * 1e-9
     # Five fixes at a time: noise of single ones counts less
     many = max(1, round(2.0 / float(np.median(np.diff(at)))))
-    wahba = _Wahba(ends, interval, theta, dv, at, velocity, start, many)
+    rates = followed_rates(updates.time_ns[part], interval, theta)
+    arm = np.asarray(settings.lever_arm_b)
+    wahba = _Wahba(ends, interval, theta, dv, rates, arm, at, velocity, start, many)
     fit = wahba.solve(np.eye(3))
     best, axes = fit.mean_square, np.eye(3)
     if fit.mean_square > wahba.noise(settings):
@@ -181,14 +190,17 @@ class _Fit:
 class _Wahba:
     """Wahba's problem with the velocity changes between fixes, `many` of them at a time.
 
-    Forces are integrated in the body axes of the start, velocity changes less gravity in NED;
-    over a minute the Earth's turn of NED, 0.25 deg, is far below what is looked for.
+    Forces are integrated in the body axes of the start, with what the antenna gains as the body
+    turns, and velocity changes less gravity in NED; over a minute the Earth's turn of NED, 0.25
+    deg, is far below what is looked for.
     """
 
     ends: FloatArray
     interval: FloatArray
     theta: FloatArray
     dv: FloatArray
+    rates: FloatArray
+    arm: FloatArray
     at: FloatArray
     velocity: FloatArray
     start: Start
@@ -214,6 +226,8 @@ class _Wahba:
         q = AttitudePropagator(np.array([1.0, 0.0, 0.0, 0.0])).push(turn, self.interval)
         before = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], q[:-1]])
         moved = np.cumsum(rotate(normalise(before + q), self.dv), axis=0)
+        # A vehicle that turns on the spot moves its antenna only, and the other way than its IMU
+        moved += rotate(q, np.cross(self.rates @ axes.T, self.arm))
         u = np.column_stack([np.interp(self.at, self.ends, moved[:, i]) for i in range(3)])
         alpha, beta = self._windows(np.diff(u, axis=0))[rows], self._changes()[rows]
         left, _, right = np.linalg.svd(beta.T @ alpha)

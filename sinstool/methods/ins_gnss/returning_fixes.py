@@ -4,13 +4,18 @@ When fixes come back after an outage, the navigation is so uncertain that the fi
 the first of them wherever it is. If that one is bad, the filter is far off with a small sigma, and
 rejects the good fixes that follow. These show where the first should have been, since a vehicle
 cannot leap.
+
+A receiver may also take many seconds to find the right place, on its way from where it thought it
+was, while its velocities are right from the first one on: they follow from Doppler shifts, which
+need no history. Then positions less the integral of the velocities show how far off it still is.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray
+from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.monotone_cubic import integral
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.fix_velocity import (
@@ -26,6 +31,12 @@ from sinstool.methods.ins_gnss.fix_velocity import (
 OUTAGE_S, FOLLOW_S = 5.0, 2.5
 # Number of first fixes that are tested, and of those that follow.
 FIRST, FOLLOWING = 2, 3
+# A receiver has settled at the earliest and at the latest so long after its first fix, s: the mean
+# of the last MEAN_S before, where fixes follow one another as long, shows where it should have
+# been. Fixes are off by more than an error that wanders if they differ from it by more than so many
+# times as much as fixes LAG_S apart usually do.
+SETTLED_S, MEAN_S, LAG_S = (30.0, 70.0), 10.0, 30.0
+UNSETTLED = 5.0
 
 
 def leaps(gnss: GnssEpochs) -> FloatArray:
@@ -63,6 +74,87 @@ def leaps(gnss: GnssEpochs) -> FloatArray:
             else:
                 good = k
     return off
+
+
+def unsettled(gnss: GnssEpochs) -> FloatArray:
+    """Distance of positions after outages from where velocities lead back from later ones.
+
+    Parameters
+    ----------
+    gnss : GnssEpochs
+        By time; the log's first fix comes after an outage, too.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        m; 0 for all fixes but those of a receiver that is still to find its place.
+    """
+    off = np.zeros(len(gnss))
+    rows = np.flatnonzero(gnss.has_position & gnss.has_velocity)
+    if len(rows) < LEAST_FIXES:
+        return off
+    fixes = gnss.rows(rows)
+    seconds, place = track_of(fixes)
+    # Not all receivers give a vertical velocity
+    axes = 3 if np.isfinite(fixes.velocity_n[:, 2]).all() else 2
+    velocity = (fixes.velocity_n * [1.0, 1.0, -1.0])[:, :axes]
+    left = place[:, :axes] - integral(seconds, velocity, seconds)
+    stated = np.nan_to_num(fixes.sigma_position_n[:, :2].max(axis=1))
+    begins = np.flatnonzero(np.diff(seconds, prepend=-np.inf) > OUTAGE_S)
+    piece = np.cumsum(np.diff(seconds, prepend=seconds[0]) > FOLLOW_S)
+    settled = _settled(seconds, begins)
+    wander = _wander(seconds, left, piece, settled)
+    if not np.isfinite(wander):
+        return off
+    noise = np.maximum(max(wander, stated_sigma(fixes)), stated)
+    for first in begins:
+        after = seconds - seconds[first]
+        here = (piece == piece[first]) & (after >= 0.0) & (after < SETTLED_S[1])
+        last_s = after[here][-1]
+        ref = here & (after >= last_s - MEAN_S)
+        if last_s - MEAN_S < SETTLED_S[0] or np.count_nonzero(ref) < FOLLOWING:
+            continue
+        early = np.flatnonzero(here & ~ref)
+        far = np.linalg.norm(left[early] - left[ref].mean(axis=0), axis=1)
+        wrong = np.flatnonzero(far > UNSETTLED * noise[early])
+        if not len(wrong):
+            continue
+        # It comes slowly near: until it is as near as fixes usually are, and as long again, in
+        # which an error that fades becomes as much smaller once more
+        last = int(wrong[-1])
+        near = np.flatnonzero(far[last:] <= noise[early[last:]])
+        count = last + int(near[0]) if len(near) else len(early)
+        until = 2.0 * after[early[min(count, len(early) - 1)]] - after[early[last]]
+        fading = early[: np.searchsorted(after[early], until, side="right")]
+        off[rows[fading]] = np.maximum(far[: len(fading)], noise[fading])
+    return off
+
+
+def lasting(off: FloatArray) -> FloatArray:
+    """Sigmas of fixes with errors that last, m, by their distances: as white noise of each, m.
+
+    All fixes of a stretch are off in the same direction, and count as one.
+    """
+    there = off > 0.0
+    stretch = np.cumsum(np.diff(there, prepend=False) & there)
+    count = np.bincount(stretch[there], minlength=1) if there.any() else np.ones(1)
+    return np.where(there, off * np.sqrt(count[np.where(there, stretch, 0)]), 0.0)
+
+
+def _settled(seconds: FloatArray, begins: np.ndarray) -> BoolArray:
+    """Which fixes are not among the first after an outage."""
+    latest = begins[np.searchsorted(begins, np.arange(len(seconds)), side="right") - 1]
+    return np.asarray(seconds - seconds[latest] > SETTLED_S[1])
+
+
+def _wander(seconds: FloatArray, left: FloatArray, piece: np.ndarray, settled: BoolArray) -> float:
+    """Usual change of the error of positions within `LAG_S`, m; NaN where no fixes show it."""
+    later = np.searchsorted(seconds, seconds + LAG_S)
+    at = np.flatnonzero(settled & (later < len(seconds)))
+    at = at[piece[at] == piece[later[at]]]
+    if len(at) < LEAST_FIXES:
+        return np.nan
+    return float(median(np.linalg.norm(left[later[at]] - left[at], axis=1)))
 
 
 def _scatter(seconds: FloatArray, place: FloatArray) -> float:

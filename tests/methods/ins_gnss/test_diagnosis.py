@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from sinstool.core.finding import exit_status
-from sinstool.core.rotation import exp, multiply, normalise
-from sinstool.core.streams import concatenate
+from sinstool.core.rotation import exp, from_dcm, multiply, normalise
+from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.ins_gnss.diagnosis import _intervals, diagnose
@@ -25,6 +25,7 @@ from sinstool.simulation.gnss import GnssErrors, GnssFaults, Jump, Receiver, gns
 from sinstool.simulation.sensors import with_errors
 from tests.helpers.filter_start import start
 from tests.helpers.gnss import epochs
+from tests.helpers.unseen_drives import PERFECT, motion_of, record, running_integral, smoothed
 
 DEGREE = np.pi / 180.0
 RATE = 50.0
@@ -113,6 +114,13 @@ def examined(
     block = run.push(steps, gnss)
     restarts = run.summary.restarts
 
+    offsets = offsets_shown(began, settings, steps, gnss)
+    return diagnose(began, block.updates, block.gnss, gnss, settings, restarts, offsets)
+
+
+def offsets_shown(began, settings, steps, gnss):
+    """Latency and lever arm, as `process` finds them."""
+
     def shown(latency, arm_b, gated):
         gate = settings.control.gate_probability if gated else 1.0
         control = replace(settings.control, gate_probability=gate)
@@ -121,8 +129,7 @@ def examined(
             about = replace(about, lever_arm_b=tuple(arm_b.tolist()))
         return estimate_offsets(began, about, [steps], gnss, settings.lever_arm_b)
 
-    _, offsets, _ = settle(shown, settings.gnss_latency)
-    return diagnose(began, block.updates, block.gnss, gnss, settings, restarts, offsets)
+    return settle(shown, settings.gnss_latency)[1]
 
 
 def causes(findings):
@@ -332,3 +339,54 @@ def test_what_a_gap_hides_is_not_integrated():
     ends = np.array([10, 20, 30, 2030, 2040, 2050], dtype=np.int64) * 1_000_000
     updates = SimpleNamespace(time_ns=ends)
     np.testing.assert_allclose(_intervals(updates), [0.01, 0.01, 0.01, 0.05, 0.01, 0.01])
+
+
+ON_THE_SPOT, MAST = np.array([1.0, -0.5, -1.0]), np.array([-2.5, 1.5, -1.0])
+
+
+def turned_on_the_spot(seed, given):
+    """An excavator that turns to and fro, with its IMU before its axis and its antenna behind."""
+    random = np.random.default_rng(seed)
+    t = np.arange(0.0, 150.0, 0.005)
+    phases = np.array([0.45, 0.0, -0.45, 0.0])[(t / 5.0).astype(int) % 4]
+    rate = smoothed(np.where(t > 10.0, phases, 0.0), 2.0)
+    heading = running_integral(rate, random.uniform(0.0, 6.0))
+    ahead = np.stack([np.cos(heading), np.sin(heading), 0.0 * t], axis=1)
+    right = np.stack([-np.sin(heading), np.cos(heading), 0.0 * t], axis=1)
+    velocity = rate[:, None] * (ON_THE_SPOT[0] * right - ON_THE_SPOT[1] * ahead)
+    truth = motion_of(t, velocity, np.stack([0.01 + 0.0 * t, 0.02 + 0.0 * t, heading], axis=1))
+    data = record(truth, PERFECT, seed, gnss_rate=5.0, sigma=0.02, sigma_v=0.03, lever=MAST)
+    fixes, n = data.fixes, len(data.fixes.seconds)
+    time_ns = np.round(fixes.seconds * 1e9).astype(np.int64)
+    gnss = GnssEpochs(
+        time_ns,
+        time_ns,
+        *(fixes.latitude, fixes.longitude, fixes.height, fixes.velocity_n),
+        np.full((n, 3), 0.02),
+        np.full((n, 3), 0.03),
+    )
+    interval = np.full(len(t) - 1, 0.005)
+    imu = SimpleNamespace(time_ns=np.round(t * 1e9).astype(np.int64), interval=interval)
+    steps = increments(imu, data.gyro / 0.005, data.accel / 0.005)
+    model = replace(MODEL, position_white=(0.02,) * 3, velocity_white=(0.03,) * 3)
+    settings = replace(SETTINGS, gnss=model, lever_arm_b=tuple(given.tolist()))
+    attitude = normalise(multiply(exp([0.002, -0.002, 0.05]), from_dcm(truth.c_nb[0])))
+    place = (truth.latitude[0], truth.longitude[0], truth.height[0])
+    began = start(*map(float, place), truth.velocity_n[0], attitude, 2.0, 0.1, 4.0 * ATTITUDE)
+    run = InsGnssFilter(began, settings, with_baro=False)
+    block = run.push(steps, gnss)
+    offsets = offsets_shown(began, settings, steps, gnss)
+    return diagnose(began, block.updates, block.gnss, gnss, settings, 0, offsets)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_an_antenna_that_turns_about_the_imu_shows_no_other_heading(seed):
+    """Its velocity is opposite to that of the IMU: a good heading was said to be 157 deg off."""
+    result = turned_on_the_spot(seed, MAST)
+    assert exit_status(result) == 0, summary(result)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_where_an_antenna_is_taken_to_be_elsewhere_that_is_said_and_not_the_heading(seed):
+    result = turned_on_the_spot(seed, np.array([-1.7, 0.9, -1.0]))
+    assert "lever-arm" in causes(result) and "initial-heading" not in causes(result)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from sinstool.core.earth import displaced
 from sinstool.core.streams import GnssEpochs
-from sinstool.methods.ins_gnss.returning_fixes import leaps
+from sinstool.methods.ins_gnss.returning_fixes import lasting, leaps, unsettled
 from tests.helpers.filter_logs import run
 from tests.helpers.unseen_drives import (
     LEVER,
@@ -28,10 +28,10 @@ SIGMA = 0.5
 CHIP = sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 100.0)
 
 
-def fixes(rate, turn_s, noise, seed, outage=(20.0, 40.0)):
+def fixes(rate, turn_s, noise, seed, outage=(20.0, 40.0), lasts=80.0):
     """Fixes on a circle at 15 m/s, with an outage; rows of the first two after it."""
     random = np.random.default_rng(seed)
-    seconds = np.arange(0.0, 80.0, 1.0 / rate)
+    seconds = np.arange(0.0, lasts, 1.0 / rate)
     seconds = seconds[(seconds < outage[0]) | (seconds >= outage[1])]
     angle = 2.0 * np.pi * seconds / turn_s
     radius = 15.0 * turn_s / (2.0 * np.pi)
@@ -130,3 +130,87 @@ def test_a_bad_fix_after_an_outage_does_not_throw_the_filter_off(tmp_path, seed)
     assert most < 4.5
     told = [f["text"] for f in chosen["findings"] if "after an outage" in f["text"]]
     assert len(told) == 1 and re.search(r"11\d m", told[0])
+
+
+def coming_in(seed, rate, metres, fade_s, *, stated=1.4, vertical=True):
+    """Fixes with an error that wanders; after an outage they come in from so many metres off.
+
+    Returns the fixes, and how far each of them is off by what fades.
+    """
+    random = np.random.default_rng(seed)
+    gnss, (first, _) = fixes(rate, 60.0, 0.4, seed, outage=(120.0, 180.0), lasts=400.0)
+    seconds = gnss.time_ns * 1e-9
+    angle = 2.0 * np.pi * seconds / 60.0
+    velocity = 15.0 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    velocity += 0.08 * random.standard_normal(velocity.shape)
+    if not vertical:
+        velocity[:, 2] = np.nan
+    step = np.diff(seconds, prepend=-1e9)
+    error = np.zeros((len(seconds), 3))
+    for k, since in enumerate(step):
+        keep = np.exp(-since / 120.0)
+        error[k] = keep * error[k - 1] + 1.2 * np.sqrt(1.0 - keep**2) * random.standard_normal(3)
+    fades = metres * np.exp(-(seconds - seconds[first]) / fade_s) * (seconds >= seconds[first])
+    way = random.uniform(0.0, 2.0 * np.pi)
+    error[:, :2] += fades[:, None] * [np.cos(way), np.sin(way)]
+    latitude, longitude = displaced(gnss.latitude, gnss.longitude, 0.0, error[:, 0], error[:, 1])
+    gnss = replace(
+        gnss,
+        latitude=latitude,
+        longitude=longitude,
+        height=gnss.height - error[:, 2],
+        velocity_n=velocity,
+        sigma_position_n=np.full((len(seconds), 3), stated),
+    )
+    return gnss, fades
+
+
+@pytest.mark.parametrize("vertical", [True, False])
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_receiver_that_comes_in_is_as_far_off_as_it_is(seed, rate, vertical):
+    """A car out of a garage: the first fixes were 60 m off, the filter 7 sigmas, status 0."""
+    gnss, fades = coming_in(seed, rate, 50.0, 8.0, vertical=vertical)
+    off, seconds = unsettled(gnss), gnss.time_ns * 1e-9
+    assert np.all(off[fades > 12.0] > 0.0)
+    assert not off[(seconds < 180.0) | (seconds > 245.0)].any()
+    told = off > 0.0
+    assert np.abs(off[told] - fades[told]).max() < 6.0
+
+
+def test_an_error_that_wanders_and_one_that_is_stated_are_not_told():
+    assert sum(unsettled(coming_in(seed, 1.0, 0.0, 8.0)[0]).any() for seed in range(60)) == 0
+    for seed in range(5):
+        gnss, fades = coming_in(seed, 1.0, 50.0, 8.0)
+        honest = replace(gnss, sigma_position_n=np.hypot(1.4, fades)[:, None] * np.ones(3))
+        assert not unsettled(honest).any()
+
+
+def test_without_velocities_nothing_is_said():
+    gnss, _ = coming_in(1, 5.0, 50.0, 8.0)
+    assert not unsettled(replace(gnss, velocity_n=np.full_like(gnss.velocity_n, np.nan))).any()
+
+
+def test_fixes_that_are_off_together_count_as_one():
+    sigma = lasting(np.array([0.0, 10.0, 10.0, 10.0, 10.0, 0.0, 5.0]))
+    assert np.sum(1.0 / sigma[1:5] ** 2) == pytest.approx(1.0 / 10.0**2)
+    assert sigma[[0, 5, 6]] == pytest.approx([0.0, 0.0, 5.0])
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_receiver_that_comes_in_does_not_throw_the_filter_off(tmp_path, seed):
+    truth = drive(seed, 330.0, rest=20.0)
+    data = record(truth, CHIP, seed, gnss_rate=2.0, sigma=SIGMA, sigma_v=0.06)
+    data = without_fixes(data, [(170.0, 240.0)])
+    log = data.fixes
+    fades = np.where(log.seconds >= 240.0, np.exp(-(log.seconds - 240.0) / 9.0), 0.0)
+    place = moved(log.latitude, log.longitude, log.height, fades[:, None] * [45.0, -35.0, 20.0])
+    latitude, longitude, height = place
+    spoilt = replace(log, latitude=latitude, longitude=longitude, height=height)
+    path = write(tmp_path / "log.mcap", replace(data, fixes=spoilt))
+    arm = {"lever_arm": tuple(LEVER.tolist())}
+    chosen, solution = run(path, gnss=arm, input={"gyro_kind": "mean-rate"})
+    assert chosen["filter"]["restarts"] == 0
+    most, _ = worst(data, solution)
+    assert most < 4.5
+    assert sum("from a minute later" in f["text"] for f in chosen["findings"]) == 1

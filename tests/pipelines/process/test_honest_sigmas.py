@@ -168,3 +168,56 @@ def test_an_attitude_from_a_force_that_is_not_gravity_is_not_to_be_trusted(tmp_p
         summary = run(tmp_path / "in.mcap", tmp_path / f"{kind}.mcap", **groups)
         found = {f["kind"]: f["severity"] for f in summary["findings"]}
         assert found.get("gravity-unused") == kind
+
+
+def hanging(seed, swing, rest_s=0.0):
+    """A load on a rope of 16 m, which swings by so many rad as soon as it has rested.
+
+    Specific force is along the rope always: to accelerometers all of it is rest.
+    """
+    random = np.random.default_rng(seed)
+    n = 240 * round(RATE)
+    t = np.arange(n) / RATE
+    swings = np.clip((t - rest_s) / 10.0, 0.0, 1.0) if rest_s else np.ones(n)
+    angle = swing * swings * np.sin(np.sqrt(G / 16.0) * t + random.uniform(0.0, 6.0))
+    gyro = np.gradient(angle, 1.0 / RATE)[:, None] * [1.0, 0.0, 0.0]
+    accel = G * np.stack([0.0 * t, 0.0 * t, 1.0 + 0.0 * t], axis=1)
+    gyro += 1e-3 * random.standard_normal(3) + 1.5e-3 * random.standard_normal(gyro.shape)
+    accel += 0.03 * random.standard_normal(3) + 0.02 * random.standard_normal(accel.shape)
+    return Hand(
+        even_times(n, RATE), gyro, accel, Rotation.from_rotvec(angle[:, None] * [1.0, 0.0, 0.0])
+    )
+
+
+@pytest.mark.parametrize("swing", [0.03, 0.06])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_load_that_swings_all_the_time_never_rests(tmp_path, seed, swing):
+    """Two seconds about its largest rate were taken for rests: 54 deg off, by 20 sigmas."""
+    summary, off, covariance = smoothed(tmp_path, hanging(seed, swing))
+    assert summary["smoothing"]["rest_s"] == 0.0
+    assert np.degrees(off.max()) < 2.0 and over_sigma(off, covariance) < 1.5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_that_hung_still_before_shows_its_bias_there(tmp_path, seed):
+    _, off, covariance = smoothed(tmp_path, hanging(seed, 0.03, rest_s=15.0))
+    assert np.degrees(off.max()) < 2.0
+    assert np.degrees(np.sqrt(covariance[-1, 2, 2])) < 45.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_short_stops_of_a_hand_are_rests(tmp_path, seed):
+    """Three seconds each, and nothing longer."""
+    random = np.random.default_rng(seed)
+    n = 120 * round(RATE)
+    t = np.arange(n) / RATE
+    goes = np.clip(np.abs(t % 12.0 - 6.0) - 1.5, 0.0, 1.0)[:, None]
+    angles = np.cumsum(goes * np.sin(t[:, None] * random.uniform(1.0, 3.0, 3)), axis=0) / RATE
+    attitude = Rotation.from_euler("xyz", angles)
+    turns = (attitude[:-1].inv() * attitude[1:]).as_rotvec() * RATE
+    gyro = np.concatenate([turns[:1], turns]) + 5e-3 * random.standard_normal(3)
+    gyro += 1.5e-3 * random.standard_normal(gyro.shape)
+    accel = attitude.inv().apply([0.0, 0.0, G]) + 0.02 * random.standard_normal(gyro.shape)
+    accel += goes * 0.5 * np.sin(5.0 * t)[:, None]
+    summary, _, _ = smoothed(tmp_path, Hand(even_times(n, RATE), gyro, accel, attitude))
+    assert summary["smoothing"]["rest_s"] > 15.0

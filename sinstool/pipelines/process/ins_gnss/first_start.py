@@ -14,7 +14,7 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import message_times, split_position_velocity
-from sinstool.methods.ins_gnss.returning_fixes import leaps
+from sinstool.methods.ins_gnss.returning_fixes import leaps, unsettled
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
     barometer,
@@ -162,16 +162,20 @@ def _start_as(
 
 
 def _leapt(gnss: GnssEpochs) -> list[str]:
-    """Warning about bad first fixes after an outage."""
-    off = leaps(gnss)
-    bad = int(np.count_nonzero(off))
-    if not bad:
-        return []
-    fixes, lie = ("the first fix", "lies") if bad == 1 else (f"{bad} first fixes", "lie up to")
-    return [
-        f"{fixes} after an outage {lie} {off.max():.0f} m off the line through the next ones:"
-        " this distance is used as the sigma"
-    ]
+    """Warnings about bad first fixes after an outage."""
+    told = []
+    for off, where in (
+        (leaps(gnss), "the line through the next ones"),
+        (unsettled(gnss), "where the receiver's velocities lead back from a minute later"),
+    ):
+        bad = int(np.count_nonzero(off))
+        fixes, lie = ("the first fix", "lies") if bad == 1 else (f"{bad} first fixes", "lie up to")
+        if bad:
+            told.append(
+                f"{fixes} after an outage {lie} {off.max():.0f} m off {where}: this distance is"
+                " used as the sigma"
+            )
+    return told
 
 
 def regraded(

@@ -12,7 +12,7 @@ from sinstool.core.order_statistics import median
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.fix_velocity import WORSE, split_position_velocity
-from sinstool.methods.ins_gnss.returning_fixes import leaps
+from sinstool.methods.ins_gnss.returning_fixes import lasting, leaps, unsettled
 from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 
@@ -61,7 +61,7 @@ def inflate_sigmas(gnss: GnssEpochs, config: ProcessConfig, stamp_s: float = STA
         stamp = np.where(gnss.has_velocity[:, None], stamp, stamp_s * _speed(gnss))
     position = factor * _worse_for_long(gnss)
     velocity = factor * np.maximum(gnss.sigma_velocity_n, LEAST_VELOCITY)
-    off = leaps(gnss)
+    off = np.maximum(leaps(gnss), lasting(unsettled(gnss)))
     leapt = np.where(off > 0.0, off, np.nan)[:, None]
     position = np.fmax(np.hypot(position, stamp), leapt)
     return replace(gnss, sigma_position_n=position, sigma_velocity_n=velocity)
