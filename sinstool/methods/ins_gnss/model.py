@@ -39,6 +39,10 @@ _VN, _VE, _VD = states.VELOCITY, states.VELOCITY + 1, states.VELOCITY + 2
 _PN, _PE, _PD = states.ATTITUDE, states.ATTITUDE + 1, states.ATTITUDE + 2
 
 
+# No sensor's axes are further from square than this, rad.
+MOST_ANGLE = 0.2
+
+
 @part()
 def errors_of(
     e: FloatArray, bias: int, scale: int, axes: int, d: float, x: float, y: float, z: float
@@ -62,8 +66,11 @@ def errors_of(
     ux, uy, uz = x - e[bias] * d, y - e[bias + 1] * d, z - e[bias + 2] * d
     sx, sy, sz = 1.0 / (1.0 + e[scale]), 1.0 / (1.0 + e[scale + 1]), 1.0 / (1.0 + e[scale + 2])
     tx, ty, tz = ux * sx, uy * sy, uz * sz
-    # To second order in the angles
-    for _ in range(2):
+    # To second order in the angles; those of a filter that diverges must not grow by their squares
+    most = 0.0
+    for k in range(6):
+        most = max(most, abs(e[axes + k]))
+    for _ in range(2 if most < MOST_ANGLE else 1):
         tx, ty, tz = (
             (ux - e[axes] * ty - e[axes + 1] * tz) * sx,
             (uy - e[axes + 2] * tx - e[axes + 3] * tz) * sy,

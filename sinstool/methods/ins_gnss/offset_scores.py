@@ -106,6 +106,8 @@ def offset_scores(
             piece = take_rows(part, slice(first, first + _UPDATES))
             block = run.push(piece, fixes)
             fixes = None
+            if block.updates is None or not np.isfinite(block.updates.q_nb).all():
+                return None
             if off is None:
                 off = _at_start(run, block, piece.interval)
             with np.errstate(over="ignore", invalid="ignore"):
