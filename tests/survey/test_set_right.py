@@ -9,7 +9,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.timeline import sorted_stream
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
-from sinstool.survey.set_right import _forward, _Times
+from sinstool.survey.set_right import _forward, _Times, may_have_stepped
 from sinstool.survey.source import prepare
 from tests.helpers.imulogs import (
     IMU,
@@ -183,3 +183,14 @@ def test_a_clock_that_nobody_sets(tmp_path, road):
     source, imu, _ = read(tmp_path / "log.mcap")
     assert not steps_of(source)
     np.testing.assert_array_equal(imu.stream.log_time_ns, log_ns)
+
+
+@pytest.mark.parametrize("size_s", [-30.0, -0.5, 40.0])
+@pytest.mark.parametrize("row", [500, 1000, 1700])  # within a part, and where two meet
+@pytest.mark.parametrize("column", [0, 1])
+def test_a_step_shows_wherever_the_parts_of_a_log_meet(size_s, row, column):
+    times = np.tile(np.arange(3000, dtype=np.int64) * 10_000_000, (2, 1))
+    parts = [(0, 1000), (1000, 1000), (1000, 1700), (1700, 3000)]
+    assert not may_have_stepped([(times[0, a:b], times[1, a:b]) for a, b in parts])
+    times[column, row:] += round(size_s * 1e9)
+    assert may_have_stepped([(times[0, a:b], times[1, a:b]) for a, b in parts])

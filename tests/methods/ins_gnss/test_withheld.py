@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks.real_drives import solution as navigated
 from sinstool.core.streams import GnssEpochs, Solution
 from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.methods.ins_gnss.smoother import Smoother
@@ -100,21 +101,6 @@ def test_fixes_that_nothing_reaches_give_no_score():
     assert scored.score() is None
     scored.push(solution(at[-1:] + np.arange(1, 4) * SECOND))
     assert scored.score() is None
-
-
-def navigated(updates):
-    """Outputs of a filter or smoother as solutions."""
-    place = np.stack([updates.latitude, updates.longitude, updates.height], 1)
-    return Solution(
-        updates.time_ns,
-        updates.time_ns,
-        updates.q_nb,
-        updates.omega_ib_b,
-        updates.specific_force_b,
-        place,
-        updates.velocity_n,
-        covariance_position_n=updates.covariance_position_n,
-    )
 
 
 def test_errors_over_sigma_where_fixes_wander():

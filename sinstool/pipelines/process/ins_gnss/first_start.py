@@ -163,19 +163,20 @@ def _start_as(
 
 def _leapt(gnss: GnssEpochs) -> list[str]:
     """Warnings about bad first fixes after an outage."""
-    told = []
-    for off, where in (
-        (leaps(gnss), "the line through the next ones"),
-        (unsettled(gnss), "where the receiver's velocities lead back from a minute later"),
+    texts = []
+    for off, where, used in (
+        (leaps(gnss), "the line through the next ones", "this distance is used as the sigma"),
+        (
+            unsettled(gnss),
+            "the track that later fixes and the receiver's velocities show",
+            "together they count as one fix with this distance as its sigma",
+        ),
     ):
         bad = int(np.count_nonzero(off))
         fixes, lie = ("the first fix", "lies") if bad == 1 else (f"{bad} first fixes", "lie up to")
         if bad:
-            told.append(
-                f"{fixes} after an outage {lie} {off.max():.0f} m off {where}: this distance is"
-                " used as the sigma"
-            )
-    return told
+            texts.append(f"{fixes} after an outage {lie} {off.max():.0f} m off {where}: {used}")
+    return texts
 
 
 def regraded(

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sinstool.core.errors import AlignmentError
+from sinstool.methods.ins_gnss.withheld import Withheld
 from sinstool.pipelines.process.ins_gnss import run as filter_run
 from sinstool.survey import source
 from tests.helpers.filter_logs import CAUSES, errors, nees, rms, run, simulated
@@ -113,6 +114,17 @@ def test_outages_are_bridged_and_scored(flight):
     velocity = filtered.covariance_velocity_n[::20][end].trace(axis1=1, axis2=2).mean()
     smooth = solution.covariance_velocity_n[::20][end].trace(axis1=1, axis2=2).mean()
     assert smooth < 0.5 * velocity
+
+
+@pytest.mark.parametrize("feedback", ["closed", "none"])
+def test_linear_innovations_score_a_filter_with_feedback_only(flight, monkeypatch, feedback):
+    """Without it they are right where the outputs are far off."""
+    scored = []
+    monkeypatch.setattr(Withheld, "filtered", lambda _, gnss: scored.append(gnss))
+    options = {"withhold_gnss": ("100:130",), "feedback": feedback}
+    chosen, _ = run(flight, filter=options)
+    assert len(chosen["filter"]["withheld"]["outages"]) == 1
+    assert bool(scored) == (feedback == "closed")
 
 
 @pytest.mark.slow
