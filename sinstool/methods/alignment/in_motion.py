@@ -17,7 +17,11 @@ from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
-from sinstool.methods.alignment.inflight import InFlightAlignment, align_in_flight
+from sinstool.methods.alignment.inflight import (
+    INCONSISTENT_CHI2,
+    InFlightAlignment,
+    align_in_flight,
+)
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
 from sinstool.methods.alignment.level_bias import MOST_S, MOVING_M_S, LevelBias, level_bias
 from sinstool.methods.alignment.preparation import MIN_POSITION_SPAN_S, prepare_fixes
@@ -68,6 +72,12 @@ class MotionAlignment:
     def good(self) -> bool:
         """Whether it gives a heading."""
         return self.result.status in ("ok", "degraded")
+
+    @property
+    def consistent(self) -> bool:
+        """Whether its residuals are about as large as the assumed noise explains."""
+        errors = self.result.errors
+        return errors is not None and errors.chi2 <= INCONSISTENT_CHI2
 
     @property
     def bias_surprises(self) -> bool:
@@ -177,10 +187,15 @@ def align_in_motion(
         bias: FloatArray, errors: SensorGrade, ends: Sequence[int | None]
     ) -> MotionAlignment | None:
         best: MotionAlignment | None = None
+        refused: AlignmentError | None = None
         for end_ns in ends:
             span = replace(settings, grade=errors, end_ns=end_ns)
-            # Where the fixes do not do, samples need not be read.
-            prepare_fixes(fixes, span)
+            try:
+                # Where the fixes do not do, samples need not be read.
+                prepare_fixes(fixes, span)
+            except AlignmentError as exc:  # a longer span may have enough of them
+                refused = refused or exc
+                continue
             imu = samples.until(end_ns)
             if not len(imu):  # all of it lies in a gap
                 continue
@@ -191,6 +206,8 @@ def align_in_motion(
                 best = MotionAlignment(result, bias, span, fixes, bias is not gyro_bias)
             if result.status == "ok":
                 break
+        if best is None and refused is not None:
+            raise refused
         return best
 
     def settled(rough: MotionAlignment) -> MotionAlignment:

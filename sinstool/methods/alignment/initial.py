@@ -40,6 +40,8 @@ class Alignment:
         To subtract from the rates, rad/s, body axes.
     gyro_bias_sigma : float or None
         rad/s an axis, where the alignment itself gives the bias.
+    bias_searched : bool
+        The bias was found by trying, as the alignment was no good without it.
     bias_source : str
         ``still`` (the lead-in), ``rest`` (another), ``alignment``, ``given`` or ``none``.
     covariance_n : ndarray or None, shape (3, 3)
@@ -60,6 +62,7 @@ class Alignment:
     covariance_n: np.ndarray | None = None
     held_ns: int | None = None
     gyro_bias_sigma: float | None = None
+    bias_searched: bool = False
 
 
 def level(specific_force_b: np.ndarray) -> np.ndarray:

@@ -153,6 +153,7 @@ def in_flight(
     gnss: GnssEpochs | None = None,
     time_ns: int | None = None,
     later_ns: IntArray | None = None,
+    near: Alignment | None = None,
 ) -> Alignment:
     """Attitude from GNSS velocity, carried back.
 
@@ -163,6 +164,8 @@ def in_flight(
     time_ns : int, optional
     later_ns : ndarray of int64, shape (n,), optional
         See :func:`_from_motion`.
+    near : Alignment, optional
+        With fixes that differ little, or are of a slightly different time.
 
     Raises
     ------
@@ -176,7 +179,8 @@ def in_flight(
 
     # A filter corrects the heading later, so for it a less certain one will do
     refused = REFUSE_SIGMA if time_ns is None else FILTER_SIGMA
-    moving = align_moving(source, config, grade, method, "start", gnss, refused)
+    likely = near.gyro_bias if near is not None and near.bias_searched else None
+    moving = align_moving(source, config, grade, method, "start", gnss, refused, likely_bias=likely)
     result = moving.result
     if result.status in ("failed", "unobservable"):
         reasons = "; ".join(result.warnings) or "no reason is known"
@@ -244,6 +248,7 @@ def _from_motion(
         covariance_n=covariance,
         held_ns=result.t_ns,
         gyro_bias_sigma=bias_sigma,
+        bias_searched=moving.bias_by_motion,
     )
 
 

@@ -72,6 +72,7 @@ def align_moving(
     gnss: GnssEpochs | None = None,
     refuse_sigma: float = REFUSE_SIGMA,
     sample_s: float = 0.0,
+    likely_bias: np.ndarray | None = None,
 ) -> MotionAlignment:
     """Align a log's vehicle in motion.
 
@@ -91,6 +92,9 @@ def align_moving(
         About its worst axis, rad: an attitude that is less certain is not given.
     sample_s : float, optional
         By how much samples may be of another time, s, as likely as not.
+    likely_bias : ndarray, shape (3,), optional
+        Gyro bias, rad/s, that other fixes of the same log have shown: searched for anew only if it
+        does not explain these.
 
     Returns
     -------
@@ -132,6 +136,7 @@ def align_moving(
         sigma: float = refuse_sigma,
         known: in_motion.Known | None = None,
         around: bool = False,
+        likely: np.ndarray | None = None,
     ) -> MotionAlignment:
         settings = _settings(config, errors, method, gate, at, begin, survey)
         return align_in_motion(
@@ -143,13 +148,18 @@ def align_moving(
             _interval_ns(source) / SECOND,
             fixes,
             replace(settings, refuse_sigma=sigma, sample_s=sample_s, around=around),
-            bias,
+            bias if likely is None else likely,
             in_motion.spans(gate, begin, end, first, int(fixes.time_ns[-1])),
-            UNKNOWN_BIAS if doubtful else None,
+            UNKNOWN_BIAS if doubtful and likely is None else None,
             notes,
             known,
         )
 
+    if doubtful and likely_bias is not None:
+        with suppress(AlignmentError):
+            same = begun(start, notes, likely=likely_bias)
+            if not same.bias_surprises and same.consistent:
+                return replace(same, bias_by_motion=True)
     known: in_motion.Known | None = None
     if doubtful and refuse_sigma > REFUSE_SIGMA:
         known = {}

@@ -12,6 +12,7 @@ from sinstool.core.rotation import wrapped
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers import open_log
+from sinstool.methods.alignment import in_motion
 from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.pipelines.align.in_motion import (
     AFTER_REST,
@@ -29,6 +30,7 @@ from tests.helpers.unseen_drives import (
     LEVER,
     RATE,
     band_noise,
+    flight,
     motion_of,
     record,
     smoothed,
@@ -266,3 +268,57 @@ def test_an_antenna_whose_place_is_not_given_is_estimated(tmp_path, seed):
     result, ratio = aligned(tmp_path, data, groups, gyro_kind="mean-rate")
     assert ratio < 2.0
     assert result.sigma_deg[2] < 5.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_gyro_bias_that_earlier_fixes_showed_is_not_searched_for_again(
+    tmp_path, monkeypatch, seed
+):
+    """With other latencies the fixes of a bare chip were aligned with 26 times instead of twice."""
+    chip = unseen_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
+    truth = flight(seed, 240.0, turbulent=True)
+    data = record(truth, chip, seed, gnss_rate=5.0, sigma_v=0.1)
+    data = replace(data, gyro=data.gyro + np.radians([1.5, -2.5, 3.3]) / RATE)
+    log = write(tmp_path / "log.mcap", data)
+    groups = {"input": {"gyro_kind": "mean-rate"}, "gnss": {"lever_arm": tuple(LEVER.tolist())}}
+    config = build(ProcessConfig, groups)
+    later = build(ProcessConfig, groups | {"gnss": {**groups["gnss"], "gnss_latency": 0.02}})
+    tried = []
+    align_in_flight = in_motion.align_in_flight
+
+    def aligning(imu, fixes, settings):
+        tried.append(settings)
+        return align_in_flight(imu, fixes, settings)
+
+    monkeypatch.setattr(in_motion, "align_in_flight", aligning)
+    with open_log(log) as opened:
+        source = prepare(opened, config)
+        moving = align_moving(source, config, "mems", "svd", "start")
+        assert moving.bias_by_motion
+        tried.clear()
+        likely = moving.refined_bias
+        found = align_moving(source, later, "mems", "svd", "start", likely_bias=likely)
+        assert len(tried) <= 3
+        tried.clear()
+        wrong = likely + np.radians([0.0, 0.0, 2.0])
+        other = align_moving(source, later, "mems", "svd", "start", likely_bias=wrong)
+        assert len(tried) > 3
+    for answer in (found, other):
+        assert answer.good and answer.bias_by_motion
+        row = int(np.argmin(np.abs(truth.seconds - (answer.result.t_ns - T0) * 1e-9)))
+        given = Rotation.from_quat(answer.result.q_nb, scalar_first=True)
+        off = (given * Rotation.from_matrix(truth.c_nb[row]).inv()).as_rotvec()
+        assert (np.abs(off) < 3.5 * np.sqrt(np.diag(answer.result.cov))).all()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_spans_that_are_too_short_for_positions_alone_are_skipped(tmp_path, seed):
+    """Spans of 15 s, in which a large bias is searched for, refused the whole alignment."""
+    chip = unseen_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
+    data = record(flight(seed, 240.0, turbulent=True), chip, seed, gnss_rate=5.0)
+    data = replace(data, gyro=data.gyro + np.radians([1.5, -2.5, 3.3]) / RATE)
+    log = write(tmp_path / "log.mcap", data)
+    config = build(ProcessConfig, {"input": {"gyro_kind": "mean-rate"}})
+    with open_log(log) as opened:
+        answer = align_moving(prepare(opened, config), config, "mems", "svd", "start")
+    assert answer.result.status in ("ok", "degraded", "level-only", "unobservable")

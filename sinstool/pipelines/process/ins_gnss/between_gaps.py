@@ -144,6 +144,7 @@ def _start_within(
             to_align_as(config, like.grade),
             like.settings,
             StartFixes.of(fixes, like.settings.gnss),
+            near=like.alignment,
         )
     except (AlignmentError, DataError) as exc:
         log_choice("start between gaps", f"none found: {exc}")

@@ -76,6 +76,7 @@ def find_start(
     settings: Settings,
     fixes: StartFixes,
     aligned: Alignment | None = None,
+    near: Alignment | None = None,
 ) -> FoundStart:
     """Start of the filter: by the alignment of the options, else by motion.
 
@@ -85,6 +86,8 @@ def find_start(
         Valid `settings.gnss_latency` before their stamps.
     aligned : Alignment, optional
         The first attitude, where it is known.
+    near : Alignment, optional
+        One with fixes that differ little, or are of a slightly different time.
 
     Raises
     ------
@@ -92,7 +95,7 @@ def find_start(
     """
     path = source.path
     try:
-        alignment = aligned or _aligned(source, config, settings, fixes)
+        alignment = aligned or _aligned(source, config, settings, fixes, near)
         covariance, bias_sigma = _covariance(alignment), alignment.gyro_bias_sigma
         if bias_sigma is None and alignment.bias_source != "none":
             bias_sigma = settings.imu.gyro_instability
@@ -121,7 +124,11 @@ def find_start(
 
 
 def _aligned(
-    source: Source, config: ProcessConfig, settings: Settings, fixes: StartFixes
+    source: Source,
+    config: ProcessConfig,
+    settings: Settings,
+    fixes: StartFixes,
+    near: Alignment | None,
 ) -> Alignment:
     """First attitude with heading."""
     options: dict[str, Any] = {
@@ -141,7 +148,8 @@ def _aligned(
         valid = shown.time_ns[shown.has_position] - late
         first = _sample(source, config, int(valid[0]) if len(valid) else 0)
         whole = shown.time_ns[shown.has_position & shown.has_velocity] - late
-        alignment = in_flight(source, config, method, shown, int(first.time_ns[0]), whole)
+        begin_ns = int(first.time_ns[0])
+        alignment = in_flight(source, config, method, shown, begin_ns, whole, near)
     else:
         alignment = align(source, config)
         if alignment.bias_source == "none" and config.align.gyro_bias == "still":

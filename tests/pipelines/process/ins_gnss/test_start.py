@@ -34,10 +34,10 @@ def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatc
     aligned, sought = [], []
     in_flight, filter_run = initial_state.in_flight, timing.InsGnssFilter
 
-    def aligning(source, config, method, shown, time_ns, later_ns):
+    def aligning(source, config, method, shown, time_ns, later_ns, near):
         grade, latency = config.navigation.imu_grade, config.gnss.gnss_latency
         aligned.append((grade, latency, time_ns, shown.sigma_velocity_n.tobytes()))
-        return in_flight(source, config, method, shown, time_ns, later_ns)
+        return in_flight(source, config, method, shown, time_ns, later_ns, near)
 
     class Seeking(filter_run):
         def __init__(self, start, settings, **how):
