@@ -111,6 +111,10 @@ class FilterStart:
     slow_errors : tuple of float, optional
         Slow errors of positions over those that follow from what the receiver states, horizontal
         and vertical.
+    expected_slow_errors : tuple of float, optional
+        Slow errors of positions to expect over those that the log shows, horizontal and vertical.
+    unseen_m : float, optional
+        Up to which size slow errors of positions would not show in the log, m; 0 if none is unseen.
     drifts : float, optional
         Drift without fixes over its sigma, if options give the noise of the Imu; 1 where it is not
         clearly more.
@@ -152,6 +156,8 @@ class FilterStart:
     velocity_noise: tuple[float, float] = (np.nan, np.nan)
     noisier_velocity: tuple[float, float] = (1.0, 1.0)
     slow_errors: tuple[float, float] = (1.0, 1.0)
+    expected_slow_errors: tuple[float, float] = (1.0, 1.0)
+    unseen_m: float = 0.0
     drifts: float = 1.0
     likelier: LikelierGrade | None = None
     bias_at_rest: float = 0.0

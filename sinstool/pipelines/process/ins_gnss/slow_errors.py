@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sinstool.core.arrays import FloatArray
 from sinstool.core.streams import take_rows
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.states import GNSS_POSITION
@@ -34,6 +35,20 @@ STEP, MOST_STEPS = 2.0, 10
 LEAST_GAIN, NOT_SHOWN = 16.0, 4.0
 LEAST_EPOCHS = 100
 SLOW = "; slow errors"
+
+
+def with_unseen(start: FilterStart) -> FilterStart:
+    """A start with the slow errors to expect where the log hardly shows how large they are.
+
+    Parameters
+    ----------
+    start : FilterStart
+        By :func:`with_slow_errors`.
+    """
+    level, vertical = start.expected_slow_errors
+    if max(level, vertical) == 1.0:
+        return start
+    return _described(start.with_slow_position(level, vertical, ""), "", start.unseen_m)
 
 
 def with_slow_errors(
@@ -70,7 +85,7 @@ def with_slow_errors(
         if steps not in costs:
             if not 0 <= min(steps) <= max(steps) <= MOST_STEPS:
                 return np.inf
-            costs[steps] = _cost(increments, _with(judged, steps, 0), shaken)
+            costs[steps] = _cost(increments, _with(judged, steps), shaken)
         return costs[steps]
 
     # Horizontal and vertical together first, then each by itself
@@ -82,31 +97,54 @@ def with_slow_errors(
             best = ahead
     if cost(best) >= cost((0, 0)) - LEAST_GAIN:
         best = (0, 0)
-    most = best
-    while cost(ahead := (most[0] + 1, most[1] + 1)) < cost(best) + NOT_SHOWN:
-        most = ahead
-    return _with(start, best, most[0])
+    larger = [cost(best)]
+    while larger[-1] < larger[0] + NOT_SHOWN:
+        larger.append(cost((best[0] + len(larger), best[1] + len(larger))))
+    made = _with(start, best)
+    most = made.settings.gnss.position_markov[0] * STEP ** (len(larger) - 2)
+    return replace(
+        _described(made, ", by all innovations" * any(best), most if len(larger) > 2 else 0.0),
+        expected_slow_errors=(1.0, 1.0) if any(best) else _expected(made, np.array(larger)),
+    )
 
 
-def _with(start: FilterStart, steps: tuple[int, int], most: int) -> FilterStart:
-    """A start with slow errors larger by steps, horizontal and vertical.
+def _expected(start: FilterStart, costs: FloatArray) -> tuple[float, float]:
+    """Slow errors to expect over those of a start, horizontal and vertical.
 
     Parameters
     ----------
-    most : int
-        Step of the largest horizontal errors that would not show.
+    costs : ndarray, shape (n,)
+        -2 log likelihood with slow errors 1, `STEP`, `STEP`² ... times as large.
+
+    Notes
+    -----
+    The root of the mean square under the posterior. A priori all these sizes are equally likely, up
+    to the whole error that the receiver states.
     """
+    model = start.settings.gnss
+    slow, white = np.array(model.position_markov), np.array(model.position_white)
+    times = STEP ** np.arange(float(len(costs)))[:, None]
+    weight = np.exp(0.5 * (costs.min() - costs))[:, None] * (times * slow <= np.hypot(slow, white))
+    north, _, down = np.sqrt((weight * times**2).sum(axis=0) / weight.sum(axis=0)).tolist()
+    return north, down
+
+
+def _with(start: FilterStart, steps: tuple[int, int]) -> FilterStart:
+    """A start with slow errors larger by steps, horizontal and vertical."""
+    if not any(steps):
+        return start
     level, vertical = (STEP**step for step in steps)
-    stated = start.settings.gnss.position_markov[0]
-    made = start.with_slow_position(level, vertical, "") if any(steps) else start
-    north, _, down = made.settings.gnss.position_markov
-    text = f"{start.gnss_why.split(SLOW)[0]}{SLOW} {north:.3g} m, in height {down:.3g} m"
-    if any(steps):
-        text += ", by all innovations"
-    if most > steps[0]:
-        text += f" (slow errors up to {stated * STEP**most:.2g} m would not show)"
     times = start.slow_errors[0] * level, start.slow_errors[1] * vertical
-    return replace(made, gnss_why=text, slow_errors=times)
+    return replace(start.with_slow_position(level, vertical, ""), slow_errors=times)
+
+
+def _described(start: FilterStart, how: str, unseen_m: float) -> FilterStart:
+    """A start that says how large its slow errors are, and up to which size none would show."""
+    north, _, down = start.settings.gnss.position_markov
+    text = f"{start.gnss_why.split(SLOW)[0]}{SLOW} {north:.3g} m, in height {down:.3g} m{how}"
+    if unseen_m:
+        text += f" (slow errors up to {unseen_m:.2g} m would not show)"
+    return replace(start, gnss_why=text, unseen_m=unseen_m)
 
 
 def _cost(increments: Increments, start: FilterStart, shaken: Shaking | None) -> float:

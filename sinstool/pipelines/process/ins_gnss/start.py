@@ -43,7 +43,7 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
     with_measured_noise,
     with_white_velocity,
 )
-from sinstool.pipelines.process.ins_gnss.slow_errors import with_slow_errors
+from sinstool.pipelines.process.ins_gnss.slow_errors import with_slow_errors, with_unseen
 from sinstool.pipelines.process.ins_gnss.timing import white_noise, with_offsets
 from sinstool.survey.grade import ImuGrade, to_align_as
 from sinstool.survey.noise_in_motion import walks_in_motion
@@ -79,7 +79,8 @@ def timed_start(
         # With a poor Imu the slow errors of fixes do not show: once more with a better one
         start = _wandering(source, config, algorithm, start)
     start = with_likeliest(source, config, algorithm, start, start.by_the_fixes)
-    start = compare_with_log(source, config, algorithm, start)
+    # Contradictions are judged without allowing for what does not show
+    start = with_unseen(compare_with_log(source, config, algorithm, start))
     source.samples.made.clear()
     start = replace(start, warnings=(*_warnings(start), *start.warnings))
     log_choice(
