@@ -104,7 +104,7 @@ def with_slow_errors(
     most = made.settings.gnss.position_markov[0] * STEP ** (len(larger) - 2)
     return replace(
         _described(made, ", by all innovations" * any(best), most if len(larger) > 2 else 0.0),
-        expected_slow_errors=(1.0, 1.0) if any(best) else _expected(made, np.array(larger)),
+        expected_slow_errors=_expected(made, np.array(larger)) if best == (0, 0) else (1.0, 1.0),
     )
 
 
@@ -119,8 +119,11 @@ def _expected(start: FilterStart, costs: FloatArray) -> tuple[float, float]:
     Notes
     -----
     The root of the mean square under the posterior. A priori all these sizes are equally likely, up
-    to the whole error that the receiver states.
+    to the whole error that the receiver states. 1 unless larger ones are likelier: a good Imu beside
+    white noise shows that, and the usual least share allows for the rest.
     """
+    if np.argmin(costs) == 0:
+        return 1.0, 1.0
     model = start.settings.gnss
     slow, white = np.array(model.position_markov), np.array(model.position_white)
     times = STEP ** np.arange(float(len(costs)))[:, None]

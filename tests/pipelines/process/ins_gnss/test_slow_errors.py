@@ -6,7 +6,7 @@ import pytest
 from benchmarks.trusted_navigation import process
 from tests.helpers.filter_logs import start_of
 from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
-from tests.helpers.unseen_errors import wandering
+from tests.helpers.unseen_errors import shaken, wandering
 
 SIGMA = 0.4
 
@@ -84,3 +84,36 @@ def test_a_filter_without_states_for_slow_errors_has_them_in_its_sigmas(tmp_path
     assert answer is not None and status == 0
     off = np.hypot(*answer.error[:, :2].T) / np.hypot(*answer.sigma[:, :2].T)
     assert 0.3 < np.sqrt(np.mean(np.square(off))) < 2.0
+
+
+def navigated(folder, seed, times):
+    """Errors of positions over their sigmas, rms by axis, beside a shaken Imu in five minutes."""
+    truth = drive(seed, 300.0, 5.0)
+    data = record(truth, GRADES["industrial"], seed, gnss_rate=2.0, sigma=3.0)
+    data = shaken(data, seed, 1.0, 0.02)
+    data = wandering(data, seed, times * 3.0, 100.0) if times else data
+    answer, status, _ = process(write(folder / "log.mcap", data), truth, [])
+    assert answer is not None and status == 0
+    late = answer.seconds > 30.0
+    return np.sqrt(np.mean(np.square(answer.error[late, :3] / answer.sigma[late, :3]), axis=0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 5, 6])
+def test_slow_errors_that_do_not_show_are_expected(tmp_path, seed):
+    """The noise of fixes hid that they wander by 2 m: rms of 3.8 to 6.8 sigmas before."""
+    assert navigated(tmp_path, seed, 0.7).max() < 3.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 5])
+def test_fixes_that_hardly_can_wander_unseen_keep_their_sigmas(tmp_path, seed):
+    errors = navigated(tmp_path, seed, 0.0)
+    assert 0.25 < errors.min() <= errors.max() < 1.2
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_good_imu_leaves_little_unseen(tmp_path, seed):
+    start = started(tmp_path, seed, 0.0)
+    assert max(start.expected_slow_errors) < 2.5
+    assert start.settings.gnss.position_markov[0] < 0.3 * SIGMA
