@@ -119,8 +119,8 @@ def _expected(start: FilterStart, costs: FloatArray) -> tuple[float, float]:
     Notes
     -----
     The root of the mean square under the posterior. A priori all these sizes are equally likely, up
-    to the whole error that the receiver states. 1 unless larger ones are likelier: a good Imu beside
-    white noise shows that, and the usual least share allows for the rest.
+    to the whole error that the receiver states. 1 unless larger ones are likelier: for fixes with
+    white noise the least share of slow errors, which no log excludes, is enough.
     """
     if np.argmin(costs) == 0:
         return 1.0, 1.0

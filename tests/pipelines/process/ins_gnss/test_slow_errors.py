@@ -107,13 +107,13 @@ def test_slow_errors_that_do_not_show_are_expected(tmp_path, seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 5])
-def test_fixes_that_hardly_can_wander_unseen_keep_their_sigmas(tmp_path, seed):
+def test_noisy_fixes_with_white_noise_only_keep_their_sigmas(tmp_path, seed):
     errors = navigated(tmp_path, seed, 0.0)
-    assert 0.25 < errors.min() <= errors.max() < 1.2
+    assert 0.4 < errors.min() <= errors.max() < 1.2
 
 
 @pytest.mark.parametrize("seed", [4, 5])
-def test_a_good_imu_leaves_little_unseen(tmp_path, seed):
+def test_a_good_imu_shows_that_fixes_do_not_wander(tmp_path, seed):
     start = started(tmp_path, seed, 0.0)
-    assert max(start.expected_slow_errors) < 2.5
-    assert start.settings.gnss.position_markov[0] < 0.3 * SIGMA
+    assert start.expected_slow_errors == (1.0, 1.0)
+    assert start.settings.gnss.position_markov[0] < 0.15 * SIGMA
