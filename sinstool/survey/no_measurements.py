@@ -20,10 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.parts import kernel, part
 from sinstool.core.streams import Imu
-from sinstool.survey.stuck_axes import AxisRuns, StuckAxis
+from sinstool.survey.stuck_axes import AXES, AxisRuns, StuckAxis
 
 # So many alike in a row, and so many times what is usual where a driver is faster than the sensor.
 LEAST_ALIKE, MORE_THAN_USUAL = 5, 3.0
@@ -38,6 +38,8 @@ LEAP_SQUARED, FAR = 60.0, 30.0
 # of it meanwhile. Of its sample the other five leap by no more than so many times what their
 # neighbours do, or it is a turn by such an angle, rad.
 BESIDE, SHARE, CALM, TURN = 6, 0.1, 3.0, 0.0175
+# An axis is dead if it has one value in a log of so many samples.
+LEAST_DEAD = 500
 # A sample each so many shows usual steps, which are counted in bins of an eighth of an octave.
 EACH, PER_OCTAVE, BINS = 32, 8.0, 1024
 # Of the mean specific force, m/s^2.
@@ -194,6 +196,15 @@ class Suspects:
             return None
         first, last = np.array(sorted(spans), np.int64).T
         return LeftOut(first.copy(), np.maximum.accumulate(last), hung, len(wrong), stuck)
+
+    def dead(self) -> tuple[str, ...]:
+        """Axes that never change although another one of their sensor shows noise."""
+        step, noise = _quantile(self._steps, 0.5), _quantile(self._sixths, 0.5)
+        shows: BoolArray = (noise > WHITE * step) & (noise > 0.0) & (step > 0.0)
+        if self._count < LEAST_DEAD:
+            return ()
+        sensors = np.asarray(shows.reshape(2, 3).any(axis=1))
+        return tuple(AXES[k] for k in self._axes.constant(self._count) if sensors[k // 3])
 
     def _hangs(self) -> list[_Run]:
         """Runs of alike samples that are none."""

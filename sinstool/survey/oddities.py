@@ -361,6 +361,14 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
             " does, but an error of transmission; they were left out",
             numbers={"samples": out.wrong},
         )
+    if s.dead_axes:
+        yield Finding(
+            "axis-dead",
+            f"{' and '.join(s.dead_axes)}: the same value in every sample, while another axis of"
+            " the sensor shows noise: do not trust what is computed without this axis",
+            severity=Severity.LOST,
+            answer="choose another topic with --imu-topic, or mend the driver",
+        )
     if out is not None and out.stuck:
         yield Finding(
             "axis-hangs",

@@ -64,6 +64,10 @@ class AxisRuns:
             self._listed += count
             self._runs.append((runs[:count].copy(), moved[:count].copy()))
 
+    def constant(self, count: int) -> list[int]:
+        """Axes that have one value in all samples, of which there were so many."""
+        return np.flatnonzero(self._open[:, 0] == count).tolist()
+
     def _all(self) -> Iterator[tuple[int, int, int, int, float, FloatArray]]:
         """Axis, second and last time, count, value and ways of the others: also of open runs."""
         for runs, moved in self._runs:

@@ -11,6 +11,7 @@ from sinstool.core.streams import Imu, concatenate
 from sinstool.io.readers import open_log
 from sinstool.survey.no_measurements import Suspects
 from sinstool.survey.source import imu_blocks, prepare
+from sinstool.survey.stuck_axes import AXES
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import GRADES, drive, record, write
 
@@ -132,6 +133,18 @@ def test_an_axis_that_repeats_its_value_by_right_is_measured(seed):
         shaken = rows + random.standard_normal(rows.shape) * np.linspace(0.0, 4.0, 6) * step
         assert found(np.round(rows / step) * step)[0] == []
         assert found(np.round(shaken / step) * step)[0] == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("noise", [1.0, 0.0])
+def test_an_axis_without_noise_is_dead_where_the_others_have_some(seed, noise):
+    """What is simulated without noise, in a plane, has axes that never change by right."""
+    rows = motion(seed, noise=noise)
+    rows[:, seed % 6] = 0.0
+    suspects, whole = Suspects(), imu(rows)
+    for _ in suspects.watch(iter([whole.rows(np.arange(3000)), whole.rows(np.arange(3000, 6000))])):
+        pass
+    assert suspects.dead() == ((AXES[seed % 6],) if noise else ())
 
 
 def test_data_of_zeros_or_without_gravity_are_not_judged():
