@@ -345,10 +345,11 @@ def no_such_gyros(start: FilterStart) -> list[Finding]:
             "gyros-do-not-fit",
             "without fixes, the navigation drifts as if the gyros were"
             f" {start.noisier_gyros:.1f} times as noisy as those of bare chips, which none are:"
-            " they fit neither the accelerometers nor the fixes; do not trust the attitude and its"
-            " sigmas",
+            " gyros, accelerometers and fixes do not belong together; do not trust the attitude and"
+            " its sigmas",
             Severity.LOST,
-            "check axes, signs and units of the IMU, and the clocks (--gnss-clock-offset)",
+            "check axes, signs and units of the IMU, the clocks (--gnss-clock-offset), and whether"
+            " the fixes are good",
             numbers={"gyro_noise": start.noisier_gyros},
         )
     ]
