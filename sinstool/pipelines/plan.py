@@ -17,7 +17,7 @@ from sinstool.config.align import IN_FLIGHT
 from sinstool.config.unused import listed, unused_options
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, TopicError
-from sinstool.core.finding import Finding
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.memory import give_back
 from sinstool.core.options import span
 from sinstool.core.timeline import SECOND
@@ -272,7 +272,7 @@ def _mode(
         none = config.input.gnss_topic is not None
         reason = "as --gnss-topic is none" if none else "as the log has no GNSS fixes"
         return Choice("attitude", reason, option), None, ()
-    answer = ""
+    answer, severity = "", Severity.WARNING
     if config.input.imu_rate is not None:
         why = "only stamps tell which fix belongs to which sample, not --imu-rate"
     else:
@@ -281,13 +281,18 @@ def _mode(
         except (AlignmentError, TopicError) as exc:
             # The finding is about that log
             why, answer = exc.message.removeprefix(f"{source.path}: "), exc.hint
+            if isinstance(exc, AlignmentError) and exc.uncertain and not exc.consistent:
+                # Of axes or signs that are wrong the attitude has as much as the fixes
+                why += "; fixes and Imu contradict each other: do not trust the attitude"
+                severity = Severity.LOST
         else:
             reason = "as the log has GNSS fixes, and they show where it starts"
             return Choice("ins-gnss", reason, option), start, ()
         give_back()
     text = f"{NO_SOLUTION}{why}"
     reason = "as no INS/GNSS solution can be started"
-    return Choice("attitude", reason, option), None, (Finding(NO_INS_GNSS, text, answer=answer),)
+    finding = Finding(NO_INS_GNSS, text, severity, answer)
+    return Choice("attitude", reason, option), None, (finding,)
 
 
 def _unused(config: ProcessConfig, mode: Choice) -> tuple[Finding, ...]:

@@ -149,6 +149,8 @@ class Survey:
         these, while `first_ns`, windows, spans and orientations keep their stamps.
     left_out : LeftOut or None
         Samples that are no measurements, and are as if they had not been recorded.
+    dead_axes : tuple of str
+        Axes that never change although another one of their sensor shows noise.
     clock_steps : tuple of Finding
         Clocks that were set while the log was recorded: samples are read without these steps.
     """
@@ -190,6 +192,7 @@ class Survey:
     gyro_unit: UnitEvidence
     even: EvenStamps | None = None
     left_out: LeftOut | None = None
+    dead_axes: tuple[str, ...] = ()
     clock_steps: tuple[Finding, ...] = ()
 
     @property
@@ -256,6 +259,7 @@ def survey(
     """
     log_time, note, horizon = False, "", FIRST_HORIZON
     left_out: LeftOut | None = None
+    dead: tuple[str, ...] = ()
     while True:
         losses = Losses()
         order = Order(horizon)
@@ -294,7 +298,7 @@ def survey(
             horizon = min(LAST_HORIZON, 1 << int(counts.lateness_ns).bit_length())
             continue
         if left_out is None:
-            left_out = suspects.found()
+            left_out, dead = suspects.found(), suspects.dead()
             if left_out is not None:
                 continue  # as if they had not been recorded
         break
@@ -302,7 +306,7 @@ def survey(
     found = _conclude(
         topic, units.body_axes, tally, order, losses, log_time, note, max_gap_s, frame
     )
-    return replace(found, left_out=left_out)
+    return replace(found, left_out=left_out, dead_axes=dead)
 
 
 def _nothing(log: Log, topic: ImuTopic, losses: Losses, extent: _Extent) -> DataError:

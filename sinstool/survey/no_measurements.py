@@ -20,9 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.parts import kernel, part
 from sinstool.core.streams import Imu
+from sinstool.survey.stuck_axes import AXES, AxisRuns, StuckAxis
 
 # So many alike in a row, and so many times what is usual where a driver is faster than the sensor.
 LEAST_ALIKE, MORE_THAN_USUAL = 5, 3.0
@@ -37,6 +38,8 @@ LEAP_SQUARED, FAR = 60.0, 30.0
 # of it meanwhile. Of its sample the other five leap by no more than so many times what their
 # neighbours do, or it is a turn by such an angle, rad.
 BESIDE, SHARE, CALM, TURN = 6, 0.1, 3.0, 0.0175
+# An axis is dead if it has one value in a log of so many samples.
+LEAST_DEAD = 500
 # A sample each so many shows usual steps, which are counted in bins of an eighth of an octave.
 EACH, PER_OCTAVE, BINS = 32, 8.0, 1024
 # Of the mean specific force, m/s^2.
@@ -57,12 +60,15 @@ class LeftOut:
         Spans, both ends included, in order and apart.
     hung, wrong : int
         Samples of a sensor that hangs, and with a single wrong value.
+    stuck : tuple of StuckAxis
+        Single axes that repeat a value while the others measure.
     """
 
     first_ns: IntArray
     last_ns: IntArray
     hung: int
     wrong: int
+    stuck: tuple[StuckAxis, ...] = ()
 
     def applied(self, blocks: Iterator[Imu]) -> Iterator[Imu]:
         """The other samples."""
@@ -99,6 +105,7 @@ class Suspects:
         self._open = np.zeros(2, np.int64)
         self._lengths = np.zeros(64, np.int64)
         self._zeros: list[IntArray] = []
+        self._axes = AxisRuns()
         # Time, axis and size
         self._leaps: list[tuple[int, int, float]] = []
         self._steps, self._sixths = (np.zeros((6, BINS), np.int64) for _ in range(2))
@@ -121,6 +128,7 @@ class Suspects:
         near_ns[held:] = times
         self._take_in(near_ns, near, np.ascontiguousarray(gyro), np.ascontiguousarray(accel))
         self._count += len(times)
+        self._axes.add(near_ns[held:], near[held:])
         if rows > 2 * BESIDE:
             _count_steps(near, (self._count - rows) % EACH, self._steps, self._sixths)
             self._find_leaps(near_ns, near)
@@ -181,10 +189,22 @@ class Suspects:
         wrong = {t for t, axis, leap in self._leaps if leap > FAR * usual[axis] > 0.0}
         wrong -= set(zeros.tolist())
         spans += [(t, t) for t in wrong]
+        step, noise = _quantile(self._steps, 0.5), _quantile(self._sixths, 0.5)
+        stuck = tuple(self._axes.stuck(step, noise, _smallest(self._steps)))
+        spans += [(one.second_ns, one.last_ns) for one in stuck]
         if not spans:
             return None
         first, last = np.array(sorted(spans), np.int64).T
-        return LeftOut(first.copy(), np.maximum.accumulate(last), hung, len(wrong))
+        return LeftOut(first.copy(), np.maximum.accumulate(last), hung, len(wrong), stuck)
+
+    def dead(self) -> tuple[str, ...]:
+        """Axes that never change although another one of their sensor shows noise."""
+        step, noise = _quantile(self._steps, 0.5), _quantile(self._sixths, 0.5)
+        shows: BoolArray = (noise > WHITE * step) & (noise > 0.0) & (step > 0.0)
+        if self._count < LEAST_DEAD:
+            return ()
+        sensors = np.asarray(shows.reshape(2, 3).any(axis=1))
+        return tuple(AXES[k] for k in self._axes.constant(self._count) if sensors[k // 3])
 
     def _hangs(self) -> list[_Run]:
         """Runs of alike samples that are none."""
@@ -302,5 +322,14 @@ def _quantile(counted: IntArray, share: float) -> FloatArray:
     """Sizes that a share of those counted do not exceed, by axis; 0 where none was counted."""
     sums = np.cumsum(counted, axis=1)
     place = (sums < share * sums[:, -1:]).sum(axis=1)
-    size = np.exp2((place + 0.5 - BINS / 2) / PER_OCTAVE)
-    return np.where((place > 0) & (sums[:, -1] > 0), size, 0.0)
+    return np.where((place > 0) & (sums[:, -1] > 0), _size(place), 0.0)
+
+
+def _smallest(counted: IntArray) -> FloatArray:
+    """Smallest size that is not 0, by axis; of those counted."""
+    return _size(1 + (counted[:, 1:] > 0).argmax(axis=1))
+
+
+def _size(place: IntArray) -> FloatArray:
+    """Size in the middle of a bin."""
+    return np.exp2((place + 0.5 - BINS / 2) / PER_OCTAVE)

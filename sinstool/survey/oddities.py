@@ -19,6 +19,7 @@ from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
 from sinstool.survey.imu import Survey
+from sinstool.survey.stuck_axes import StuckAxis
 from sinstool.survey.unit_evidence import (
     LEAST_MISFIT,
     accel_looks_like_g,
@@ -46,6 +47,8 @@ SLOW_DEG_S = 3.0
 MOVING = 0.01
 # Least range of gyros, deg/s; usual ones have 125 and more.
 SMALLEST_RANGE_DEG_S = 70.0
+# Stuck axes that are named.
+MOST_STUCK = 3
 # Relative difference of --imu-rate from the rate of the stamps that is reported.
 OTHER_RATE = 0.05
 
@@ -358,6 +361,21 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
             " does, but an error of transmission; they were left out",
             numbers={"samples": out.wrong},
         )
+    if s.dead_axes:
+        yield Finding(
+            "axis-dead",
+            f"{' and '.join(s.dead_axes)}: the same value in every sample, while another axis of"
+            " the sensor shows noise: do not trust what is computed without this axis",
+            severity=Severity.LOST,
+            answer="choose another topic with --imu-topic, or mend the driver",
+        )
+    if out is not None and out.stuck:
+        yield Finding(
+            "axis-hangs",
+            f"single axes repeat one value while the others measure on: {_stuck_axes(out.stuck)};"
+            " all samples meanwhile were left out",
+            numbers={"samples": sum(one.count for one in out.stuck)},
+        )
     held = s.held - _without_noise(s)
     if held > HELD_SHARE * s.count:
         yield Finding(
@@ -403,6 +421,13 @@ def _axes(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f" {options.body_axes}",
             answer=f"add --body-axes {other} if the name is right about the axes",
         )
+
+
+def _stuck_axes(stuck: tuple[StuckAxis, ...]) -> str:
+    """The longest of them, in words."""
+    named = sorted(stuck, key=lambda one: one.second_ns - one.last_ns)
+    more = f", and {len(stuck) - MOST_STUCK} more" if len(stuck) > MOST_STUCK else ""
+    return ", ".join(str(one) for one in named[:MOST_STUCK]) + more
 
 
 def _without_noise(s: Survey) -> int:

@@ -1,6 +1,7 @@
 """What `info` says is what `process` does and what `align` starts from, on every kind of log."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,13 +9,14 @@ import pytest
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.errors import SinstoolError
+from sinstool.core.finding import Severity
 from sinstool.pipelines.align.log import align_log
 from sinstool.pipelines.info.run import inspect
 from sinstool.pipelines.process.run import plan_of, process
 from tests.helpers.filter_logs import simulated
 from tests.helpers.imulogs import REAL, even_times, imu_log, resting
 from tests.helpers.logs import real
-from tests.helpers.unseen_drives import PERFECT, drive, record, write
+from tests.helpers.unseen_drives import GRADES, PERFECT, boat, drive, record, write
 from tests.survey.test_velocity import odometry
 
 SCENARIOS = {
@@ -135,6 +137,19 @@ def test_a_finding_about_a_log_does_not_repeat_its_name(tmp_path):
     (finding,) = [f for f in plan_of(log, ProcessConfig()).findings if f.kind == "no-ins-gnss"]
     assert str(log) not in finding.text and "log.mcap" not in finding.text
     assert "--align" in finding.answer and "--align" not in finding.text
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_fixes_that_contradict_the_imu_deny_its_attitude_too(tmp_path, seed):
+    """Axes of a left-handed frame; the motion of this boat alone shows too little to start from."""
+    data = record(boat(seed, 120.0), GRADES["industrial"], seed)
+    swapped = replace(data, gyro=data.gyro[:, [1, 0, 2]], accel=data.accel[:, [1, 0, 2]])
+    severities = []
+    for name, log in (("right", data), ("swapped", swapped)):
+        plan = plan_of(write(tmp_path / f"{name}.mcap", log), ProcessConfig())
+        (finding,) = [f for f in plan.findings if f.kind == "no-ins-gnss"]
+        severities.append(finding.severity)
+    assert severities == [Severity.WARNING, Severity.LOST]
 
 
 @pytest.mark.parametrize(

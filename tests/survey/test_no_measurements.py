@@ -11,6 +11,7 @@ from sinstool.core.streams import Imu, concatenate
 from sinstool.io.readers import open_log
 from sinstool.survey.no_measurements import Suspects
 from sinstool.survey.source import imu_blocks, prepare
+from sinstool.survey.stuck_axes import AXES
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import GRADES, drive, record, write
 
@@ -102,6 +103,48 @@ def test_what_is_alike_without_noise_is_measured(seed):
     coarse = np.round(motion(seed, rest=(30.0, 40.0)) / step) * step
     assert found(coarse) == ([], 0, 0)
     assert found(np.repeat(motion(seed), 3, axis=0), rate=3 * RATE) == ([], 0, 0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("cuts", [(), (3003,), tuple(range(50, 6000, 50))])
+def test_a_single_axis_that_hangs_is_no_measurement(seed, cuts):
+    """Up to the end of the log, too; whatever it reads, and whether or not it leaps afterwards."""
+    rows = motion(seed)
+    axis = seed % 6
+    rows[3000:3200, axis] = rows[3000, axis]
+    rows[5700:, (axis + 2) % 6] = 0.01
+    left_out = [*range(3001, 3200), *range(5701, 6000)]
+    kept = found(rows, cuts)[0]
+    # What happens to differ by nothing at the ends belongs to it
+    assert sorted(set(kept) ^ set(left_out)) in ([], [3000], [5700])
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_axis_that_repeats_its_value_by_right_is_measured(seed):
+    """At the end of its range; at rest where rounding is coarser than noise; by a slow driver."""
+    rows = motion(seed)
+    rows[3000:3200, 2] = 0.6
+    assert found(rows)[0] == []
+    random = np.random.default_rng(seed)
+    for rounded in (0.5, 1.0, 2.0, 4.0):
+        step = rounded * np.repeat([2e-3, 2e-2], 3)
+        rows = motion(seed, rest=(20.0, 30.0))
+        rows[2000:3000] = rows[2000] + 0.25 * (rows[2000:3000] - rows[2000:3000].mean(axis=0))
+        shaken = rows + random.standard_normal(rows.shape) * np.linspace(0.0, 4.0, 6) * step
+        assert found(np.round(rows / step) * step)[0] == []
+        assert found(np.round(shaken / step) * step)[0] == []
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("noise", [1.0, 0.0])
+def test_an_axis_without_noise_is_dead_where_the_others_have_some(seed, noise):
+    """What is simulated without noise, in a plane, has axes that never change by right."""
+    rows = motion(seed, noise=noise)
+    rows[:, seed % 6] = 0.0
+    suspects, whole = Suspects(), imu(rows)
+    for _ in suspects.watch(iter([whole.rows(np.arange(3000)), whole.rows(np.arange(3000, 6000))])):
+        pass
+    assert suspects.dead() == ((AXES[seed % 6],) if noise else ())
 
 
 def test_data_of_zeros_or_without_gravity_are_not_judged():

@@ -56,6 +56,9 @@ MOST_OF_IT = 90.0
 # Noise of velocities compared with the Imu, over the bound by the receiver's own positions, beyond
 # which they do not fit.
 MOST_UNEXPLAINED = 1.3
+# Noise of gyros over that of a low-cost grade beyond which they are no gyros: 10 deg/sqrt(h) is six
+# times what data sheets of the noisiest chips give.
+MOST_NOISIER = 3.5
 
 
 def compare_with_log(
@@ -221,6 +224,7 @@ def contradictions(start: FilterStart, survey: Sequence[Finding]) -> list[Findin
         *turned_by_offsets(start),
         *denied_attitude(start),
         *unexplained_velocities(start),
+        *no_such_gyros(start),
         *of_another_clock(survey, start),
     ]
 
@@ -324,6 +328,29 @@ def unexplained_velocities(start: FilterStart) -> list[Finding]:
             Severity.LOST,
             "check the clocks (--gnss-clock-offset, --gnss-latency), the axes and units of the IMU",
             numbers={"noise_ratio": start.unexplained},
+        )
+    ]
+
+
+def no_such_gyros(start: FilterStart) -> list[Finding]:
+    """A drift without fixes that no gyro explains, whatever its grade.
+
+    Gyros whose axes or signs are wrong, or of another time, are estimated as noisy ones. The filter
+    then follows the fixes, and all innovations are as large as its sigmas say; its attitude is not.
+    """
+    if start.noisier_gyros <= MOST_NOISIER:
+        return []
+    return [
+        Finding(
+            "gyros-do-not-fit",
+            "without fixes, the navigation drifts as if the gyros were"
+            f" {start.noisier_gyros:.1f} times as noisy as those of bare chips, which none are:"
+            " gyros, accelerometers and fixes do not belong together; do not trust the attitude and"
+            " its sigmas",
+            Severity.LOST,
+            "check axes, signs and units of the IMU, the clocks (--gnss-clock-offset), and whether"
+            " the fixes are good",
+            numbers={"gyro_noise": start.noisier_gyros},
         )
     ]
 

@@ -132,6 +132,8 @@ class FilterStart:
     unexplained : float, optional
         Noise of velocities compared with the Imu, over the most that the positions of the same
         receiver allow, with the latency and lever arm of the log.
+    noisier_gyros : float, optional
+        Noise of low-cost gyros by the drift without fixes, over that of their grade.
     clock : ClockRate, optional
         Rate of the receiver's clock, by which the stamps of `gnss` were corrected.
     """
@@ -164,6 +166,7 @@ class FilterStart:
     turned: tuple[float, float] = (0.0, 0.0)
     denied: float = 0.0
     unexplained: float = 0.0
+    noisier_gyros: float = 1.0
     clock: ClockRate = STEADY
 
     @cached_property

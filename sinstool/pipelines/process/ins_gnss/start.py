@@ -289,6 +289,7 @@ def _drifting(
         start,
         settings=replace(start.settings, imu=used.imu, control=used.control),
         grade=replace(start.grade, why=why),
+        noisier_gyros=factors.gyro if start.grade.grade in LOW_COST else 1.0,
     )
 
 

@@ -1,5 +1,6 @@
 """Starts of a filter that a log denies."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -48,6 +49,18 @@ def test_a_wrong_clock_is_reported_once(tmp_path):
     assert told[0]["severity"] == Severity.LOST.name.lower()
     assert "2.0 s ahead of" in told[0]["text"] and "do not trust" in told[0]["text"]
     assert "leave --gnss-clock-offset out" in told[0]["answer"]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_gyros_that_no_noise_explains_are_said_to_be_wrong(tmp_path, seed):
+    """An axis turned round: as a gyro of much noise it fits all innovations, and is off by much."""
+    data = record(drive(seed, 200.0, 10.0), GRADES["industrial"], seed)
+    right, _ = run(write(tmp_path / "right.mcap", data))
+    assert not [f for f in right["findings"] if f["severity"] == Severity.LOST.name.lower()]
+    turned = replace(data, gyro=data.gyro * [1.0, -1.0, 1.0])
+    wrong, _ = run(write(tmp_path / "wrong.mcap", turned))
+    (told,) = [f for f in wrong["findings"] if f["severity"] == Severity.LOST.name.lower()]
+    assert told["kind"] == "gyros-do-not-fit" and told["numbers"]["gyro_noise"] > 3.5
 
 
 def test_rejected_fixes_are_reported_once(tmp_path):
