@@ -10,6 +10,8 @@ References
 ----------
 .. [1] F. C. Schweppe, "Evaluation of likelihood functions for Gaussian signals", IEEE Trans.
    Information Theory 11(1), 1965, 61-70.
+.. [2] H. Chernoff, "On the distribution of the likelihood ratio", Annals of Mathematical Statistics
+   25(3), 1954, 573-578.
 """
 
 from __future__ import annotations
@@ -33,6 +35,9 @@ STEP, MOST_STEPS = 2.0, 10
 # parameter, as no model of an Imu is quite right. Larger errors that raise it by less than the
 # second would not show.
 LEAST_GAIN, NOT_SHOWN = 16.0, 4.0
+# By chance larger ones lower it by this in one log of 20: half of a chi-square of one degree, as
+# slow errors are not less than none (Chernoff 1954).
+BY_CHANCE = 2.7
 LEAST_EPOCHS = 100
 SLOW = "; slow errors"
 
@@ -119,10 +124,9 @@ def _expected(start: FilterStart, costs: FloatArray) -> tuple[float, float]:
     Notes
     -----
     The root of the mean square under the posterior. A priori all these sizes are equally likely, up
-    to the whole error that the receiver states. 1 unless larger ones are likelier: for fixes with
-    white noise the least share of slow errors, which no log excludes, is enough.
+    to the whole error that the receiver states. 1 unless larger ones are likelier than by chance.
     """
-    if np.argmin(costs) == 0:
+    if costs[0] < costs.min() + BY_CHANCE:
         return 1.0, 1.0
     model = start.settings.gnss
     slow, white = np.array(model.position_markov), np.array(model.position_white)

@@ -99,10 +99,10 @@ def navigated(folder, seed, times):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 5, 6])
+@pytest.mark.parametrize("seed", [1, 10, 15])
 def test_slow_errors_that_do_not_show_are_expected(tmp_path, seed):
-    """The noise of fixes hid that they wander by 2 m: rms of 3.8 to 6.8 sigmas before."""
-    assert navigated(tmp_path, seed, 0.7).max() < 3.5
+    """The noise of fixes hid that they wander by 2 m: rms of 3.6 to 4.4 sigmas before."""
+    assert navigated(tmp_path, seed, 0.7).max() < 2.0
 
 
 @pytest.mark.slow
