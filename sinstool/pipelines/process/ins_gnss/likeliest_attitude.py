@@ -31,8 +31,10 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.methods.ins_gnss.settings import Start
+from sinstool.methods.sensor_errors import LOW_COST
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.velocity import Increments
+from sinstool.pipelines.align.in_motion import UNKNOWN_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
 from sinstool.pipelines.process.ins_gnss.iterated_start import iterated
@@ -132,6 +134,9 @@ def _others(start: FilterStart, tilt_sigma: float) -> Iterator[FilterStart]:
     covariance = np.diag(np.maximum(np.diag(first.covariance_attitude_n), sigma**2))
     if first.gyro_bias_sigma is not None:
         bias = max(bias, first.gyro_bias_sigma)
+    if start.grade.grade in LOW_COST and start.alignment.bias_source == "alignment":
+        # An attitude that is wrong has shown a wrong bias, too
+        bias = max(bias, UNKNOWN_BIAS)
     for k in range(HEADINGS):
         nav = first.nav.copy()
         nav[6:10] = multiply(exp([0.0, 0.0, 2.0 * np.pi * k / HEADINGS]), nav[6:10])
