@@ -150,7 +150,7 @@ class Survey:
     left_out : LeftOut or None
         Samples that are no measurements, and are as if they had not been recorded.
     dead_axes : tuple of str
-        Axes that never change although another one of their sensor shows noise.
+        Axes that never change although all others show noise.
     clock_steps : tuple of Finding
         Clocks that were set while the log was recorded: samples are read without these steps.
     """

@@ -198,13 +198,14 @@ class Suspects:
         return LeftOut(first.copy(), np.maximum.accumulate(last), hung, len(wrong), stuck)
 
     def dead(self) -> tuple[str, ...]:
-        """Axes that never change although another one of their sensor shows noise."""
-        step, noise = _quantile(self._steps, 0.5), _quantile(self._sixths, 0.5)
-        shows: BoolArray = (noise > WHITE * step) & (noise > 0.0) & (step > 0.0)
+        """Axes that never change although all others show noise: a simulation may have none."""
         if self._count < LEAST_DEAD:
             return ()
-        sensors = np.asarray(shows.reshape(2, 3).any(axis=1))
-        return tuple(AXES[k] for k in self._axes.constant(self._count) if sensors[k // 3])
+        step, noise = _quantile(self._steps, 0.5), _quantile(self._sixths, 0.5)
+        shows: BoolArray = (noise > WHITE * step) & (noise > 0.0) & (step > 0.0)
+        constant = self._axes.constant(self._count)
+        alive = np.delete(shows, constant)
+        return tuple(AXES[k] for k in constant) if len(alive) > 1 and alive.all() else ()
 
     def _hangs(self) -> list[_Run]:
         """Runs of alike samples that are none."""

@@ -364,8 +364,8 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if s.dead_axes:
         yield Finding(
             "axis-dead",
-            f"{' and '.join(s.dead_axes)}: the same value in every sample, while another axis of"
-            " the sensor shows noise: do not trust what is computed without this axis",
+            f"{' and '.join(s.dead_axes)}: the same value in every sample, while all other axes"
+            " show noise: do not trust what is computed without this axis",
             severity=Severity.LOST,
             answer="choose another topic with --imu-topic, or mend the driver",
         )

@@ -120,27 +120,38 @@ def likeliest(
     joined = joined_updates(motion, JOINED_S)
     own = _cost(joined, start)
     best, least = start, own - LEAST_GAIN
-    for other in _others(start, tilt_sigma) if np.isfinite(own) else ():
-        cost = _cost(joined, other)
-        if cost < least:
-            best, least = other, cost
-    return best.start, 0.0 if best is start else own - least
+    for bias_sigma in _bias_sigmas(start) if np.isfinite(own) else ():
+        for other in _others(start, tilt_sigma, bias_sigma):
+            cost = _cost(joined, other)
+            if cost < least:
+                best, least = other, cost
+        if best is not start:
+            return best.start, own - least
+    return start.start, 0.0
 
 
-def _others(start: FilterStart, tilt_sigma: float) -> Iterator[FilterStart]:
+def _bias_sigmas(start: FilterStart) -> list[float]:
+    """Sigmas of the gyro bias, rad/s, of other attitudes; smaller ones where none is likelier.
+
+    The bias of low-cost gyros that a wrong attitude has shown is as wrong. A filter that knows
+    neither heading nor bias is less linear and so less likely, but its sigmas hold.
+    """
+    usual = max(start.settings.imu.gyro_bias, start.start.gyro_bias_sigma or 0.0)
+    shown = start.alignment.bias_source == "alignment" and start.grade.grade in LOW_COST
+    return [UNKNOWN_BIAS, usual] if shown and usual < UNKNOWN_BIAS else [usual]
+
+
+def _others(start: FilterStart, tilt_sigma: float, bias_sigma: float) -> Iterator[FilterStart]:
     """The same start with other headings, and with sigmas that reach from each to the next."""
-    first, bias = start.start, start.settings.imu.gyro_bias
+    first = start.start
     sigma = np.array([tilt_sigma, tilt_sigma, HEADING_SIGMA])
     covariance = np.diag(np.maximum(np.diag(first.covariance_attitude_n), sigma**2))
-    if first.gyro_bias_sigma is not None:
-        bias = max(bias, first.gyro_bias_sigma)
-    if start.grade.grade in LOW_COST and start.alignment.bias_source == "alignment":
-        # An attitude that is wrong has shown a wrong bias, too
-        bias = max(bias, UNKNOWN_BIAS)
     for k in range(HEADINGS):
         nav = first.nav.copy()
         nav[6:10] = multiply(exp([0.0, 0.0, 2.0 * np.pi * k / HEADINGS]), nav[6:10])
-        other = replace(first, nav=nav, covariance_attitude_n=covariance, gyro_bias_sigma=bias)
+        other = replace(
+            first, nav=nav, covariance_attitude_n=covariance, gyro_bias_sigma=bias_sigma
+        )
         yield replace(start, start=other)
 
 
