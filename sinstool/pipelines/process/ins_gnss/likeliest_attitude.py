@@ -120,21 +120,22 @@ def likeliest(
     joined = joined_updates(motion, JOINED_S)
     own = _cost(joined, start)
     best, least = start, own - LEAST_GAIN
-    for bias_sigma in _bias_sigmas(start) if np.isfinite(own) else ():
+    sigmas = _bias_sigmas(start)
+    for bias_sigma in sigmas if np.isfinite(own) else ():
         for other in _others(start, tilt_sigma, bias_sigma):
             cost = _cost(joined, other)
             if cost < least:
                 best, least = other, cost
         if best is not start:
-            return best.start, own - least
+            return replace(best.start, gyro_bias_sigma=sigmas[0]), own - least
     return start.start, 0.0
 
 
 def _bias_sigmas(start: FilterStart) -> list[float]:
-    """Sigmas of the gyro bias, rad/s, of other attitudes; smaller ones where none is likelier.
+    """Sigmas of the gyro bias, rad/s, to try other attitudes with; the first is to be used.
 
-    The bias of low-cost gyros that a wrong attitude has shown is as wrong. A filter that knows
-    neither heading nor bias is less linear and so less likely, but its sigmas hold.
+    The bias of low-cost gyros that a wrong attitude has shown is as wrong. But a filter that knows
+    neither heading nor bias may be too far from linear to find a heading.
     """
     usual = max(start.settings.imu.gyro_bias, start.start.gyro_bias_sigma or 0.0)
     shown = start.alignment.bias_source == "alignment" and start.grade.grade in LOW_COST
