@@ -198,14 +198,19 @@ class Suspects:
         return LeftOut(first.copy(), np.maximum.accumulate(last), hung, len(wrong), stuck)
 
     def dead(self) -> tuple[str, ...]:
-        """Axes that never change although all others show noise: a simulation may have none."""
+        """Axes of a sensor that never change although all others show noise.
+
+        A simulation may have no noise, and an Imu no gyros.
+        """
         if self._count < LEAST_DEAD:
             return ()
         step, noise = _quantile(self._steps, 0.5), _quantile(self._sixths, 0.5)
         shows: BoolArray = (noise > WHITE * step) & (noise > 0.0) & (step > 0.0)
         constant = self._axes.constant(self._count)
-        alive = np.delete(shows, constant)
-        return tuple(AXES[k] for k in constant) if len(alive) > 1 and alive.all() else ()
+        if not np.delete(shows, constant).all():
+            return ()
+        sensors = np.asarray(shows.reshape(2, 3).any(axis=1))
+        return tuple(AXES[k] for k in constant if sensors[k // 3])
 
     def _hangs(self) -> list[_Run]:
         """Runs of alike samples that are none."""
