@@ -289,9 +289,8 @@ def _mode(
             reason = "as the log has GNSS fixes, and they show where it starts"
             return Choice("ins-gnss", reason, option), start, ()
         give_back()
-    text = f"{NO_SOLUTION}{why}"
     reason = "as no INS/GNSS solution can be started"
-    finding = Finding(NO_INS_GNSS, text, severity, answer)
+    finding = Finding(NO_INS_GNSS, f"{NO_SOLUTION}{why}", severity, answer)
     return Choice("attitude", reason, option), None, (finding,)
 
 
