@@ -248,8 +248,14 @@ def velocities_noisier(before: FilterStart, after: FilterStart) -> bool:
 
 def times_as_noisy(noisier: ArrayLike) -> str:
     """Factors on noise, the first horizontal and the last vertical, in words."""
-    factors = np.asarray(noisier)
-    return f"{factors[0]:.2g} times (vertically {factors[-1]:.2g} times)"
+    level, vertical = (f"{factor:.2g}" for factor in np.asarray(noisier)[[0, -1]])
+    if level == "1":
+        return f"vertically {vertical} times"
+    return (
+        f"horizontally {level} times"
+        if vertical == "1"
+        else f"{level} times (vertically {vertical} times)"
+    )
 
 
 def _whole(model: GnssModel) -> np.ndarray:

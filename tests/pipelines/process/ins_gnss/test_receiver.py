@@ -17,6 +17,7 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
     STAMP_S,
     gnss_model,
     inflate_sigmas,
+    times_as_noisy,
     with_white_velocity,
 )
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag
@@ -221,6 +222,19 @@ def test_sigmas_of_velocities_from_positions_are_those_of_parabolas(interval, no
         assert made.velocity_n[row, 2] == pytest.approx(slope[1], abs=1e-6)
         sigma = max(np.hypot(noise * np.sqrt(covariance[1, 1]), bend), fix_velocity.LEAST_SIGMA)
         assert made.sigma_velocity_n[row, 2] == pytest.approx(sigma, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("noisier", "words"),
+    [
+        ((2.0, 2.0, 3.0), "2 times (vertically 3 times)"),
+        ((1.0, 1.0, 1.9), "vertically 1.9 times"),
+        ((5.0, 1.0), "horizontally 5 times"),
+    ],
+)
+def test_only_axes_that_are_noisier_are_named(noisier, words):
+    """It said "1 times (vertically 1.9 times)"."""
+    assert times_as_noisy(noisier) == words
 
 
 @pytest.mark.parametrize(
