@@ -114,7 +114,7 @@ def _rows(result: AlignResult, verbose: bool) -> list[tuple[str, str]]:
         ("log", result.input.path),
         ("IMU", f"{result.imu.topic}: {result.imu_grade.grade}, {result.imu_grade.why}"),
         ("status", result.status),
-        ("method", result.method + (f", vectors {result.vectors}" if result.vectors else "")),
+        ("method", result.method_text),
     ]
     if result.roll_deg is not None:
         heading = (

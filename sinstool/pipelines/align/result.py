@@ -22,6 +22,16 @@ from sinstool.survey.grade import ImuGrade
 # Statuses whose heading is known.
 HEADING_OBSERVED = ("ok", "degraded")
 
+# What the vectors are that an alignment in motion compares, by the value of ``--vectors``.
+VECTORS = {
+    "win": "velocity integrated over a sliding window",
+    "cen": "velocity integrated over a sliding window, less its mean",
+    "int": "velocity integrated from the start",
+    "diff": "accelerations by backward differences",
+    "diffc": "accelerations by central differences",
+    "pos": "positions",
+}
+
 Vector = tuple[float | None, ...]
 
 
@@ -180,6 +190,13 @@ class AlignResult(Result):
     accel_bias_m_s2: Vector | None = None
     latency_s: float | None = None
     truth: TruthError | None = None
+
+    @property
+    def method_text(self) -> str:
+        """The method in words, with the vectors that it compares."""
+        if self.vectors is None:
+            return self.method
+        return f"{self.method}, on {VECTORS[self.vectors]} (--vectors {self.vectors})"
 
 
 def angles(q_nb: np.ndarray, status: str) -> dict[str, Any]:

@@ -63,8 +63,7 @@ def write_page(report: Path, alignment: LogAlignment, config: ProcessConfig, log
 
 
 def _verdict(result: AlignResult) -> tuple[str, ...]:
-    method = result.method + (f", vectors {result.vectors}" if result.vectors else "")
-    paragraphs = [f"Status {result.status}, by {method}. {VERDICTS[result.status]}"]
+    paragraphs = [f"Status {result.status}, by {result.method_text}. {VERDICTS[result.status]}"]
     if result.n_pairs:
         used = (
             f"{result.n_pairs} pairs of vectors from {result.start_s:.1f} to"
