@@ -139,6 +139,18 @@ def _slow(data, seed, time):
     return lfilter([1.0], [1.0, -keep], white, axis=0)
 
 
+def smoothed_by_receiver(data: Record, seed: int, size: float, time: float) -> Record:
+    """Fixes with an error, m (1 sigma), that two low passes in a row smooth over so many seconds.
+
+    From one fix to the next it hardly changes; within a few times `time` it is another one.
+    """
+    random = np.random.default_rng([seed, 31])
+    keep = np.exp(-np.median(np.diff(data.fixes.seconds)) / time)
+    white = random.standard_normal((len(data.fixes.seconds) + 1000, 3))
+    smooth = lfilter([1.0], [1.0, -2.0 * keep, keep**2], white, axis=0)[1000:]
+    return displaced(data, size * smooth / smooth.std(axis=0))
+
+
 def streets(data: Record, seed: int, size: float, honest: bool) -> Record:
     """Between houses, half a minute at a time: fixes off by metres that last for ten seconds.
 

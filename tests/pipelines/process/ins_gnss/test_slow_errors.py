@@ -1,12 +1,14 @@
 """Slow errors of fixes that an Imu shows, and those that it cannot."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.trusted_navigation import process
 from tests.helpers.filter_logs import start_of
 from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
-from tests.helpers.unseen_errors import shaken, wandering
+from tests.helpers.unseen_errors import shaken, smoothed_by_receiver, wandering
 
 SIGMA = 0.4
 
@@ -117,3 +119,21 @@ def test_a_good_imu_shows_that_fixes_do_not_wander(tmp_path, seed):
     start = started(tmp_path, seed, 0.0)
     assert start.expected_slow_errors == (1.0, 1.0)
     assert start.settings.gnss.position_markov[0] < 0.15 * SIGMA
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_velocity_of_fixes_that_a_receiver_smooths_is_not_believed(tmp_path, seed):
+    """All that shows from fix to fix is a noise of millimetres.
+
+    With less white noise than the usual share of what the receiver states, the filter would follow
+    the fixes: rms of 1.8 to 2.4 sigmas, and twice the error.
+    """
+    truth = drive(seed, 200.0, 20.0)
+    data = record(truth, GRADES["tactical"], seed, gnss_rate=10.0, sigma=0.002)
+    data = smoothed_by_receiver(data, seed, 0.6, 5.0)
+    data = replace(data, fixes=replace(data.fixes, sigma=0.6))
+    answer, status, _ = process(write(tmp_path / "log.mcap", data), truth, [])
+    assert answer is not None and status == 0
+    late = answer.seconds > 60.0
+    ratio = answer.error[late, 3:5] / answer.sigma[late, 3:5]
+    assert np.sqrt(np.mean(np.square(ratio))) < 1.4
