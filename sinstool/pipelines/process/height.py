@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.order_statistics import median
@@ -22,6 +23,7 @@ from sinstool.methods.height.network import (
 )
 from sinstool.methods.height.pressure import frozen_spans, pressure_reason
 from sinstool.methods.height.reference import (
+    SCALE_BOUNDS,
     BaroReference,
     HeightReference,
     ScaleFit,
@@ -251,20 +253,31 @@ def heights_for_calibration(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
     origin = times[0]
     at = (gnss.time_ns[rows] - origin) * 1e-9
     difference = gnss.height[rows] - np.interp(at, (times - origin) * 1e-9, standard)
-    usable[rows[_first_jump(difference) :]] = False
+    usable[rows[_first_jump(difference, gnss.height[rows], gnss.time_ns[rows]) :]] = False
     return usable
 
 
-def _first_jump(values: np.ndarray) -> int:
-    """First row after a jump of the values; their number where there is none."""
+def _first_jump(values: FloatArray, heights: FloatArray, times: IntArray) -> int:
+    """First row after a jump of the values; their number where there is none.
+
+    What the scale of a day may change while the vehicle climbs through a gap is no jump.
+    """
     if len(values) < 2 * JUMP_ROWS:
         return len(values)
-    medians = _medians(values)
-    steps = np.abs(medians[JUMP_ROWS:] - medians[:-JUMP_ROWS])
+    steps = _steps(values)
+    apart = times[2 * JUMP_ROWS - 1 :] - times[: 1 - 2 * JUMP_ROWS]
+    gap = apart - median(apart) > NEAR_NS
+    steps = np.where(gap, steps - (SCALE_BOUNDS[1] - 1.0) * _steps(heights), steps)
     usual = float(median(steps))
     jumps = np.flatnonzero(steps > max(MOVED_M, JUMP_RATIO * usual))
     # most of the later rows are beyond the jump when it shows
     return int(jumps[0]) + JUMP_ROWS + JUMP_ROWS // 2 if len(jumps) else len(values)
+
+
+def _steps(values: FloatArray) -> FloatArray:
+    """Sizes of the steps between running medians that share no row."""
+    medians = _medians(values)
+    return np.asarray(np.abs(medians[JUMP_ROWS:] - medians[:-JUMP_ROWS]))
 
 
 def _medians(values: np.ndarray) -> np.ndarray:
