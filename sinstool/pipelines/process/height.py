@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.order_statistics import median
@@ -27,6 +26,7 @@ from sinstool.methods.height.reference import (
     BaroReference,
     HeightReference,
     ScaleFit,
+    fit_scale,
     reference_from_gnss,
     reference_from_setting,
     reference_from_start,
@@ -249,35 +249,27 @@ def heights_for_calibration(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
     if not usable.any():  # a coarse sensor at rest under a receiver that wanders
         return np.isfinite(gnss.height)
     rows = np.flatnonzero(usable)
+    heights = gnss.height[rows]
     standard = BaroReference("gnss", 0.0).height(pressure)
     origin = times[0]
     at = (gnss.time_ns[rows] - origin) * 1e-9
-    difference = gnss.height[rows] - np.interp(at, (times - origin) * 1e-9, standard)
-    usable[rows[_first_jump(difference, gnss.height[rows], gnss.time_ns[rows]) :]] = False
+    standard = np.interp(at, (times - origin) * 1e-9, standard)
+    # A fast climb on a warm day, or one through a gap, is no jump
+    scale = np.clip(fit_scale(standard, heights).scale, *SCALE_BOUNDS)
+    usable[rows[_first_jump(heights - scale * standard) :]] = False
     return usable
 
 
-def _first_jump(values: FloatArray, heights: FloatArray, times: IntArray) -> int:
-    """First row after a jump of the values; their number where there is none.
-
-    What the scale of a day may change while the vehicle climbs through a gap is no jump.
-    """
+def _first_jump(values: np.ndarray) -> int:
+    """First row after a jump of the values; their number where there is none."""
     if len(values) < 2 * JUMP_ROWS:
         return len(values)
-    steps = _steps(values)
-    apart = times[2 * JUMP_ROWS - 1 :] - times[: 1 - 2 * JUMP_ROWS]
-    gap = apart - median(apart) > NEAR_NS
-    steps = np.where(gap, steps - (SCALE_BOUNDS[1] - 1.0) * _steps(heights), steps)
+    medians = _medians(values)
+    steps = np.abs(medians[JUMP_ROWS:] - medians[:-JUMP_ROWS])
     usual = float(median(steps))
     jumps = np.flatnonzero(steps > max(MOVED_M, JUMP_RATIO * usual))
     # most of the later rows are beyond the jump when it shows
     return int(jumps[0]) + JUMP_ROWS + JUMP_ROWS // 2 if len(jumps) else len(values)
-
-
-def _steps(values: FloatArray) -> FloatArray:
-    """Sizes of the steps between running medians that share no row."""
-    medians = _medians(values)
-    return np.asarray(np.abs(medians[JUMP_ROWS:] - medians[:-JUMP_ROWS]))
 
 
 def _medians(values: np.ndarray) -> np.ndarray:
