@@ -151,7 +151,8 @@ def gyrocompass(
         text = (
             f"the mean rate at rest is not the Earth's: it shows gyro biases of {size * bias:.2g}"
             f" deg/h, where {size * grade.gyro_bias:.2g} are expected; the uncertainty of heading"
-            " is enlarged to match. Check the grade, the latitude and whether the vehicle stood still"
+            " is enlarged to match. Check the grade, the latitude and whether the vehicle stood"
+            " still"
         )
         record = replace(record, warnings=(*record.warnings, text))
         grade = replace(grade, gyro_bias=bias)
@@ -200,7 +201,8 @@ def _bias_shown(run: _Run, grade: SensorGrade) -> float:
     """Likeliest size of the gyros' biases, rad/s, if it is clearly more than the grade's.
 
     Along axes that the record shows, what the prior variance s^2 has lost, s^4 / (s^2 + r), tells
-    the noise r with which it shows a bias, and the estimate x the bias with noise, x (s^2 + r) / s^2.
+    the noise r with which it shows a bias, and the estimate x the bias with noise,
+    x (s^2 + r) / s^2.
     """
     prior = grade.gyro_bias**2
     lost, axes = np.linalg.eigh(prior * np.eye(3) - run.p[3:6, 3:6])
