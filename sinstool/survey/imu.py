@@ -46,10 +46,8 @@ BLOCK_ROWS = 16384
 BURSTY_SHARE = 0.05
 # Several consecutive samples at the largest value are a stop, unless as many are just below it, as
 # where a slow motion turns back, or the axis is always near it. But where its values otherwise
-# change from sample to sample, only a stop holds one of them for HELD_RUN samples. A laser gyro at
-# rest counts 0 or 1: no stop is fewer than FEWEST_STEPS from 0.
+# change from sample to sample, only a stop holds one of them for HELD_RUN samples.
 SATURATION_RUN = 3
-FEWEST_STEPS = 10.0
 SATURATION_RATIO = 2.0
 HELD_RUN, CHANGING = 20, 0.5
 # After a calibration the values at the end of a range are not all the same, but close together: at
@@ -459,8 +457,8 @@ def _conclude(
 
 def _stopped(row: np.ndarray, usual: float) -> bool:
     """Whether the largest value of an axis is the end of its range; columns as in `Tally`."""
-    largest, run, _, _, step, at_largest, just_below, others, changed, _ = row.tolist()
-    if run < SATURATION_RUN or at_largest <= just_below or largest < FEWEST_STEPS * step < np.inf:
+    largest, run, _, _, _, at_largest, just_below, others, changed, _ = row.tolist()
+    if run < SATURATION_RUN or at_largest <= just_below:
         return False
     return largest > SATURATION_RATIO * usual or (run >= HELD_RUN and changed > CHANGING * others)
 
