@@ -20,6 +20,7 @@ from sinstool.methods.sensor_errors import (
     grade_by_noise,
     uncalibrated,
 )
+from sinstool.survey.noise_at_rest import walk_of_means
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 # Steps between values larger than this many times the noise hide it.
 COARSE = 2.0
+# Means over seconds show less noise than samples if it is less by this factor.
+CLEARLY = 0.7
 # Noise at rest that exceeds that of a stated grade by this factor contradicts it.
 NOISIER = 3.0
 REST_S = 30.0  # shortest rest whose mean rate is a bias
@@ -108,6 +111,22 @@ def walk_in(noise: ImuNoise | None) -> float | None:
     return None if white is None else white.value
 
 
+def gyro_walk_shown(source: Source, least_s: float = 0.0) -> float | None:
+    """Angular random walk, rad/sqrt(s) an axis, that a rest of at least this length, s, shows.
+
+    That of its samples or, if it is clearly less, of means over seconds.
+    """
+    walk, of_means = random_walk(source, least_s), _walk_of_means(source)
+    return of_means if walk and of_means and of_means < CLEARLY * walk else walk
+
+
+def _walk_of_means(source: Source) -> float | None:
+    """Angular random walk by means over seconds of the longest rest, if that shows it."""
+    spans = source.survey.spans
+    longest = max(spans, key=lambda s: s.samples, default=None)
+    return None if longest is None else walk_of_means(source.survey.windows, longest)
+
+
 def random_walks(source: Source, least_s: float = 0.0) -> tuple[float, float] | None:
     """Random walks at rest, of angle, rad/sqrt(s), and of velocity, (m/s)/sqrt(s), of an axis.
 
@@ -125,7 +144,7 @@ def random_walks(source: Source, least_s: float = 0.0) -> tuple[float, float] | 
 
 def stated_grade_denied(source: Source, config: ProcessConfig) -> list[Finding]:
     """A warning of gyros that are far noisier at rest than those of the stated grade."""
-    stated, shown = config.navigation.imu_grade, random_walk(source)
+    stated, shown = config.navigation.imu_grade, gyro_walk_shown(source)
     if stated == "auto" or shown is None:
         return []
     assumed = IMU_GRADES[stated].angle_random_walk
@@ -156,6 +175,8 @@ def _hides_noise(source: Source, config: ProcessConfig) -> bool:
     of angle, as of laser gyros, are not affected: their sum is the angle.
     """
     if random_walks(source) is None or config.input.sample_kind == "increment":
+        return False
+    if _walk_of_means(source):
         return False
     longest = max(source.survey.spans, key=lambda s: s.samples)
     return source.survey.gyro_resolution > COARSE * longest.gyro_std / np.sqrt(3.0)
@@ -224,7 +245,7 @@ def _by_noise_and_bias(source: Source, config: ProcessConfig) -> ImuGrade:
     """A grade by the noise, and a worse one if the bias is too large for it."""
     file = config.navigation.imu_noise
     measured = walk_in(measured_noise(config))
-    walk = random_walk(source) if measured is None else measured
+    walk = gyro_walk_shown(source) if measured is None else measured
     if walk is None:
         return ImuGrade("mems", "assumed, as the log shows no rest")
     if measured is None and _hides_noise(source, config):

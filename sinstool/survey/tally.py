@@ -22,6 +22,8 @@ _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_LISTED = 1000
 # Columns: see `_extremes`
 _NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0]
+# A change by less than this share is by rounding, as where rates were made of angles, and no step.
+ROUNDING = 1e-9
 # Values within this many steps of the largest are just below it.
 NEAR_STEPS = 8.0
 # A calibration spreads the end of a gyro's range: values above CROWD, as a share of the largest,
@@ -246,7 +248,7 @@ def _extremes(gyro, accel, state, crowds):  # type: ignore[no-untyped-def]
         for a in range(6):
             value = gyro[i, a] if a < 3 else accel[i, a - 3]
             step = abs(value - state[a, 3])
-            if 0.0 < step < state[a, 4]:
+            if ROUNDING * abs(value) < step < state[a, 4]:
                 state[a, 4] = step
             size = abs(value)
             near = NEAR_STEPS * state[a, 4]

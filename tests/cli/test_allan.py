@@ -169,7 +169,14 @@ def test_dead_and_clipped_axes(allan, tmp_path):
     assert set(read_noise(file).gyro) == {"x", "z"}
     code, out, _ = allan(log, "--format", "robot-localization")
     assert code == 3 and "y was not measured" in out
-    # a coarse converter is no clipped one
+    # a coarse converter is no clipped one, nor is a laser gyro, whose rates are made of angles
+    rates, forces = noise(6000)
+    turned = np.cumsum(0.01 * rates + 0.7, axis=0)
+    log = write(
+        tmp_path / "laser.mcap", np.diff(5e-6 * np.floor(turned), axis=0) * 100.0, forces[1:]
+    )
+    gyro = measured(allan(log, "--json")[1])[0]
+    assert [gyro[a]["status"] for a in "xyz"] == ["measured"] * 3
     rates, forces = noise(6000)
     log = write(tmp_path / "coarse.mcap", np.round(rates, 3), np.round(forces, 2))
     code, out, _ = allan(log, "--json")

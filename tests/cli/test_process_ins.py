@@ -121,6 +121,18 @@ def test_what_is_off_the_last_fix(made):
     assert abs(off["north_m"]) < 1e-3 and abs(off["east_m"]) < 1e-3 and abs(off["up_m"]) < 0.5
 
 
+def test_a_track_in_an_unknown_direction_is_not_to_be_trusted(tmp_path, sinstool):
+    """A rest shows such gyros no heading; the track was 200 km off, with status 0."""
+    truth = drive(5, 60.0, rest=20.0)
+    data = record(truth, GRADES["industrial"], 5, gnss_rate=1.0, sigma_v=None)
+    log = write(tmp_path / "log.mcap", data)
+    words = ["--mode", "ins", "--align", "level", "--json"]
+    status, out, _ = sinstool("process", log, "-o", tmp_path / "out.mcap", *words)
+    assert status == 3
+    finding = next(f for f in json.loads(out)["findings"] if f["kind"] == "unknown-heading")
+    assert "do not trust" in finding["text"] and "ins-gnss" in finding["answer"]
+
+
 def test_how_far_it_drifted_is_told_where_fixes_end_long_before_the_log(tmp_path):
     """Position was 12 km off the fixes, and not a word of it."""
     truth = drive(5, 120.0, rest=20.0)

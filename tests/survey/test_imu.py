@@ -321,6 +321,19 @@ def test_coarse_steps_are_no_stop(tmp_path, seed):
     assert s.saturated == ()
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_counts_of_a_laser_gyro_at_rest_are_no_stop(tmp_path, seed):
+    random, n = np.random.default_rng(seed), 6000
+    count = np.pi / 648000.0
+    sway = np.sin(0.01 * np.arange(n)[:, None] + random.uniform(0.0, 6.0, 3))
+    rate = 40.0 * count * (1.0 + sway) + 1e-5 * random.standard_normal((n, 3))
+    # Differences of an angle in rad, which rounds them
+    gyro = 100.0 * np.diff(count * np.floor(np.cumsum(0.01 * rate / count, axis=0)), axis=0)
+    accel = [0.0, 0.0, 9.81] + 0.02 * random.standard_normal((n - 1, 3))
+    s = look(imu_log(tmp_path / "a.mcap", even_times(n - 1), gyro, accel))
+    assert s.saturated == ()
+
+
 def test_a_stop_that_lasts(tmp_path):
     """A wheel turns a little faster than its gyro's range for most of the log, at either sign."""
     random = np.random.default_rng(5)

@@ -200,8 +200,14 @@ def looks_clipped(imu: ImuIncrements) -> str | None:
         size = np.abs(values[1:]) / step
         top = size.max(axis=0)
         usual = median(size, axis=0)
+        # A laser gyro at rest counts 0 or 1
+        steps = np.abs(np.concatenate([values, np.diff(values, axis=0)]))
+        smallest = np.min(steps, axis=0, where=steps > 0.0, initial=np.inf) / float(median(step))
         for axis in range(3):
             at_top = size[:, axis] >= top[axis] * (1.0 - 1e-6)
-            if top[axis] > 10.0 * usual[axis] and run_lengths(at_top).max() >= 5:
+            if (
+                top[axis] > 10.0 * max(usual[axis], smallest[axis])
+                and run_lengths(at_top).max() >= 5
+            ):
                 return f"{name} {'xyz'[axis]}"
     return None

@@ -20,7 +20,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -50,6 +50,9 @@ _LEAST_S = 5.0
 _ROUNDS = 5
 # Squared innovations that consistent errors exceed once in so many records.
 _DOUBT = 1e-4
+# Of so many records of a grade, one shows biases that seem larger. Axes that lose less of a bias's
+# variance than this share of what others lose do not show it.
+_UNUSUAL, _SEEN = 1e-3, 0.1
 _SETTLED = float(np.deg2rad(0.02))
 _TILT, _HEADING = 1.0, 3.0  # prior of the attitude about the first guess, rad
 
@@ -107,6 +110,9 @@ def gyrocompass(
 ) -> Gyrocompass:
     """Attitude of a vehicle that stays where it is.
 
+    Biases of which the Earth's rate shows more than the grade allows are taken to be as large about
+    all axes: that of the gyro that points east, which turns heading, shows nowhere.
+
     Parameters
     ----------
     imu : ImuIncrements
@@ -138,13 +144,19 @@ def gyrocompass(
     if not record.walk_at_rest:
         walk = max(walk, grade.angle_random_walk)
     q_start = _first_guess(record.stretches, where)
-    for _ in range(_ROUNDS):
-        run = _filter(record.stretches, q_start, where, grade, walk)
-        at_start = np.linalg.solve(run.attitude_map, run.x[:3] - run.bias_map @ run.x[3:6])
-        # Linear in the error of the reference: once more about the estimate, while that moves.
-        if np.linalg.norm(at_start) < _SETTLED:
-            break
-        q_start = rotation.normalise(rotation.multiply(rotation.exp(-at_start), q_start))
+    q_start, run = _settled(record.stretches, q_start, where, grade, walk)
+    bias = _bias_shown(run, grade)
+    if bias > grade.gyro_bias and not drives:
+        size = 3600.0 / np.deg2rad(1.0)
+        text = (
+            f"the mean rate at rest is not the Earth's: it shows gyro biases of {size * bias:.2g}"
+            f" deg/h, where {size * grade.gyro_bias:.2g} are expected; the uncertainty of heading"
+            " is enlarged to match. Check the grade, the latitude and whether the vehicle stood"
+            " still"
+        )
+        record = replace(record, warnings=(*record.warnings, text))
+        grade = replace(grade, gyro_bias=bias)
+        _, run = _settled(record.stretches, q_start, where, grade, walk)
     return _answer(record, run, latitude, grade, drives)
 
 
@@ -165,6 +177,43 @@ class _Run:
     freedom: int
     attitude_map: FloatArray
     bias_map: FloatArray
+
+
+def _settled(
+    stretches: list[Stretch],
+    q_start: FloatArray,
+    where: _Place,
+    grade: SensorGrade,
+    random_walk: float,
+) -> tuple[FloatArray, _Run]:
+    """The filter about its own estimate of the attitude at the start, and that attitude."""
+    for _ in range(_ROUNDS):
+        run = _filter(stretches, q_start, where, grade, random_walk)
+        at_start = np.linalg.solve(run.attitude_map, run.x[:3] - run.bias_map @ run.x[3:6])
+        # Linear in the error of the reference: once more about the estimate, while that moves.
+        if np.linalg.norm(at_start) < _SETTLED:
+            break
+        q_start = rotation.normalise(rotation.multiply(rotation.exp(-at_start), q_start))
+    return q_start, run
+
+
+def _bias_shown(run: _Run, grade: SensorGrade) -> float:
+    """Likeliest size of the gyros' biases, rad/s, if it is clearly more than the grade's.
+
+    Along axes that the record shows, what the prior variance s^2 has lost, s^4 / (s^2 + r), tells
+    the noise r with which it shows a bias, and the estimate x the bias with noise,
+    x (s^2 + r) / s^2.
+    """
+    prior = grade.gyro_bias**2
+    lost, axes = np.linalg.eigh(prior * np.eye(3) - run.p[3:6, 3:6])
+    seen = lost > _SEEN * lost[-1]
+    if not prior * lost[-1] > 0.0:
+        return grade.gyro_bias
+    x, lost = (run.x[3:6] @ axes)[seen], lost[seen]
+    if np.sum(x**2 / lost) <= upper_point(len(x), _UNUSUAL):
+        return grade.gyro_bias
+    square = np.mean((x * prior / lost) ** 2 - (prior**2 / lost - prior))
+    return float(np.sqrt(max(square, prior)))
 
 
 def _first_guess(stretches: list[Stretch], where: _Place) -> FloatArray:

@@ -11,8 +11,8 @@ from sinstool.core.arrays import ArrayLike, IntArray
 from sinstool.core.order_statistics import median
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
 
-PRESSURE_RANGE = (1e4, 1.2e5)
-"""Pa: 16 km above to 1.4 km below sea level."""
+PRESSURE_RANGE = (5.4e3, 1.2e5)
+"""Pa: 20 km above, as far as the standard atmosphere here goes, to 1.4 km below sea level."""
 
 UNIT_SAMPLES = 100
 """Number of valid samples by which the unit is judged."""

@@ -32,6 +32,11 @@ MIN_SCALE_RANGE = 100.0
 SCALE_BOUNDS = (0.85, 1.15)
 """Scales that the temperature of a day can cause."""
 
+LONGEST_LAG = 5.0
+"""Lag of a barometer's heights behind those of GNSS, or ahead of them, that is believed, s."""
+
+# The climb is the change of height over so long before and after, s.
+_CLIMB_S = 5.0
 # Rounds of a robust fit at most, and by which, m and m per 100 m, the last changes it.
 _HUBER_ROUNDS, _HUBER_CLOSE = 200, 1e-9
 
@@ -139,12 +144,12 @@ def reference_from_start(pressure: ArrayLike, height: float) -> BaroReference:
     Raises
     ------
     ValueError
-        If no pressure lies between 100 and 1200 hPa.
+        If no pressure lies between 54 and 1200 hPa.
     """
     p = np.asarray(pressure, dtype=np.float64)
     p = p[pressure_reason(p) == ACCEPTED]
     if not len(p):
-        raise ValueError("Expected at least one pressure between 100 and 1200 hPa.")
+        raise ValueError("Expected at least one pressure between 54 and 1200 hPa.")
     return BaroReference("init", height - float(median(_standard_height(p))), samples=len(p))
 
 
@@ -178,15 +183,22 @@ def reference_from_gnss(
     reference = BaroReference("gnss", offset, samples=int(np.count_nonzero(early)))
     if len(times) < 10:
         return reference
-    fit = fit_scale(standard, heights)
+    seconds = (times - times[0]) * 1e-9
+    before, after = (np.interp(seconds + s, seconds, standard) for s in (-_CLIMB_S, _CLIMB_S))
+    fit = fit_scale(standard, heights, (after - before) / (2.0 * _CLIMB_S))
     reference = replace(reference, fit=fit)
     if fit.applied:
         reference = replace(reference, offset=fit.offset, scale=fit.scale, samples=fit.samples)
     return reference
 
 
-def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
-    """Fit ``h_GNSS = offset + scale * h`` with Huber's loss.
+def fit_scale(
+    standard_height: ArrayLike, gnss_height: ArrayLike, climb: ArrayLike | None = None
+) -> ScaleFit:
+    """Fit ``h_GNSS = offset + scale * h + lag * climb`` with Huber's loss.
+
+    A barometer that lags, holds its samples, or is stamped late, is too low in each climb, which
+    one climb from a rest would show as a scale.
 
     Parameters
     ----------
@@ -194,19 +206,27 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
         Geometric height of a standard day, m.
     gnss_height : array_like, shape (n,)
         m.
+    climb : array_like, shape (n,), optional
+        Rate of change of the former, m/s; without it, or if the lag is none that a barometer has,
+        that is 0.
     """
     h = np.asarray(standard_height, dtype=np.float64)
     g = np.asarray(gnss_height, dtype=np.float64)
     centre, level = float(median(h)), float(median(g))
     low, high = quantile(g, 0.01), quantile(g, 0.99)
     # The scale is searched per 100 m, so that both unknowns are of one size.
-    x = (h - centre) / 100.0
-    found, spread = np.array([0.0, 100.0]), 10.0
+    columns = [np.ones_like(h), (h - centre) / 100.0]
+    if climb is not None:
+        columns.append(np.asarray(climb, dtype=np.float64))
+    x = np.column_stack(columns)
+    found, spread = np.array([0.0, 100.0, 0.0])[: len(columns)], 10.0
     # What is an outlier shows once a line is laid
     for _ in range(2):
-        found = _huber_line(x, g - level, found, max(1.345 * spread, 0.1))
-        rest = g - level - found[0] - found[1] * x
+        found = _huber_fit(x, g - level, found, max(1.345 * spread, 0.1))
+        rest = g - level - x @ found
         spread = min(1.4826 * float(median(np.abs(rest - median(rest)))), 10.0)
+    if abs(found[2:]).max(initial=0.0) > LONGEST_LAG:
+        return fit_scale(h, g)
     scale = float(found[1]) / 100.0
     applied = high - low > MIN_SCALE_RANGE and SCALE_BOUNDS[0] <= scale <= SCALE_BOUNDS[1]
     return ScaleFit(
@@ -218,8 +238,8 @@ def fit_scale(standard_height: ArrayLike, gnss_height: ArrayLike) -> ScaleFit:
     )
 
 
-def _huber_line(x: FloatArray, y: FloatArray, start: FloatArray, limit: float) -> FloatArray:
-    """Offset and slope of a line fitted with Huber's loss, which is linear beyond a limit.
+def _huber_fit(x: FloatArray, y: FloatArray, start: FloatArray, limit: float) -> FloatArray:
+    """Factors of columns fitted with Huber's loss, which is linear beyond a limit.
 
     Iteratively reweighted least squares, to convergence [1]_.
 
@@ -229,14 +249,12 @@ def _huber_line(x: FloatArray, y: FloatArray, start: FloatArray, limit: float) -
     """
     found = start
     for _ in range(_HUBER_ROUNDS):
-        off = np.abs(y - found[0] - found[1] * x)
-        weight = limit / np.maximum(off, limit)
-        whole = weight.sum()
-        mean_x, mean_y = (weight @ x) / whole, (weight @ y) / whole
-        spread = weight @ (x - mean_x) ** 2
-        slope = weight @ ((x - mean_x) * (y - mean_y)) / spread if spread > 0.0 else found[1]
-        before, found = found, np.array([mean_y - slope * mean_x, slope])
-        if np.abs(found - before).max() <= _HUBER_CLOSE:
+        off = y - x @ found
+        weighted = (limit / np.maximum(np.abs(off), limit))[:, None] * x
+        # Of columns that do not vary the factor stays what it is
+        change = np.linalg.lstsq(weighted.T @ x, weighted.T @ off, rcond=1e-10)[0]
+        found = found + change
+        if np.abs(change).max() <= _HUBER_CLOSE:
             break
     return found
 

@@ -135,14 +135,21 @@ def outlying(gnss: GnssEpochs) -> BoolArray:
 
 
 def track_of(gnss: GnssEpochs) -> tuple[FloatArray, FloatArray]:
-    """Seconds, shape (n,), and places, shape (n, 3): north, east, m, from the first, and height."""
+    """Seconds, shape (n,), and places, shape (n, 3): north, east, m, from the first, and height.
+
+    Metres are counted along the way, as integrals of velocities are: where a vehicle goes far, and
+    near the poles even a few kilometres, those from the first place turn away from north.
+    """
     seconds = (gnss.time_ns - gnss.time_ns[0]) * 1e-9
-    north, east = horizontal_metres(
-        gnss.latitude - gnss.latitude[0],
-        wrapped(gnss.longitude - gnss.longitude[0]),
-        gnss.latitude[0],
+    height = np.nan_to_num(gnss.height)
+    steps = horizontal_metres(
+        np.diff(gnss.latitude),
+        wrapped(np.diff(gnss.longitude)),
+        0.5 * (gnss.latitude[1:] + gnss.latitude[:-1]),
+        0.5 * (height[1:] + height[:-1]),
     )
-    return seconds, np.stack([north, east, np.nan_to_num(gnss.height)], axis=1)
+    north, east = (np.append(0.0, np.cumsum(step)) for step in steps)
+    return seconds, np.stack([north, east, height], axis=1)
 
 
 def stated_sigma(gnss: GnssEpochs) -> float:

@@ -39,7 +39,7 @@ from sinstool.methods.sensor_errors import (
     as_if_aligned,
     without,
 )
-from sinstool.survey.grade import measured_noise, random_walk
+from sinstool.survey.grade import gyro_walk_shown, measured_noise
 from sinstool.survey.imu import Survey
 from sinstool.survey.rest import REST_S, longest_rest, rest_end
 from sinstool.survey.source import Source, rate_blocks
@@ -127,7 +127,7 @@ def align_moving(
         if start is not None:
             last = int(fixes.time_ns[-1]) if end is None else end
             later = [ns for s in LATER_S if (ns := start + round(s * SECOND)) < last]
-    errors = sensor_errors(config, grade, at_rest, random_walk(source, REST_S) or 0.0)
+    errors = sensor_errors(config, grade, at_rest, gyro_walk_shown(source, REST_S) or 0.0)
     doubtful = grade in LOW_COST and not at_rest and options.sigma_bg is None
 
     def begun(

@@ -25,6 +25,7 @@ from sinstool.methods.allan.deviation import (
 from sinstool.methods.allan.fit import block_length
 from sinstool.survey.quiet import Stretch
 from sinstool.survey.source import Source, rate_blocks
+from sinstool.survey.tally import ROUNDING
 
 # Columns of the state of `_extremes`
 _LOW, _HIGH, _AT_LOW, _AT_HIGH, _STEP, _LAST, WIDTH = 0, 1, 2, 3, 4, 5, 6
@@ -166,6 +167,6 @@ def _extremes(values, state):  # type: ignore[no-untyped-def]
                 state[a, _HIGH] = value
                 state[a, _AT_HIGH] = 1.0
             step = abs(value - state[a, _LAST])
-            if step > 0.0 and step < state[a, _STEP]:
+            if step > ROUNDING * abs(value) and step < state[a, _STEP]:
                 state[a, _STEP] = step
             state[a, _LAST] = value

@@ -22,9 +22,11 @@ from sinstool.methods.height.network import (
 )
 from sinstool.methods.height.pressure import frozen_spans, pressure_reason
 from sinstool.methods.height.reference import (
+    SCALE_BOUNDS,
     BaroReference,
     HeightReference,
     ScaleFit,
+    fit_scale,
     reference_from_gnss,
     reference_from_setting,
     reference_from_start,
@@ -247,11 +249,14 @@ def heights_for_calibration(baro: Baro, gnss: GnssEpochs) -> np.ndarray:
     if not usable.any():  # a coarse sensor at rest under a receiver that wanders
         return np.isfinite(gnss.height)
     rows = np.flatnonzero(usable)
+    heights = gnss.height[rows]
     standard = BaroReference("gnss", 0.0).height(pressure)
     origin = times[0]
     at = (gnss.time_ns[rows] - origin) * 1e-9
-    difference = gnss.height[rows] - np.interp(at, (times - origin) * 1e-9, standard)
-    usable[rows[_first_jump(difference) :]] = False
+    standard = np.interp(at, (times - origin) * 1e-9, standard)
+    # A fast climb on a warm day, or one through a gap, is no jump
+    scale = np.clip(fit_scale(standard, heights).scale, *SCALE_BOUNDS)
+    usable[rows[_first_jump(heights - scale * standard) :]] = False
     return usable
 
 

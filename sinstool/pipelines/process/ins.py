@@ -10,6 +10,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import SEMI_MAJOR_AXIS, displaced, horizontal_metres
 from sinstool.core.errors import ConfigurationError
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import rotate, wrapped
 from sinstool.core.streams import GnssEpochs, Solution
 from sinstool.core.timeline import SECOND
@@ -124,10 +125,27 @@ class InsMode(Mode):
             findings=(
                 *(baro.findings if damped_by_baro else ()),
                 *warned("alignment", alignment.warnings),
+                *_rotated(alignment),
                 *warned("navigation", texts),
                 *warned("navigation", _run_warnings(run)),
             ),
         )
+
+
+def _rotated(alignment: Alignment) -> list[Finding]:
+    """A track in an unknown direction is not to be trusted."""
+    if alignment.north_referenced:
+        return []
+    return [
+        Finding(
+            "unknown-heading",
+            "heading at the start is not referenced to north, so the whole track is rotated by the"
+            " unknown heading: do not trust its positions and velocities",
+            severity=Severity.LOST,
+            answer="use --align log, fixed or a method that finds north, or --mode ins-gnss, which"
+            " also starts from fixes without velocity",
+        )
+    ]
 
 
 def start(
@@ -159,11 +177,6 @@ def start(
         notes.append(
             "the velocity at the start is unknown and the vehicle is not at rest; 0 is assumed"
             " (give --initial-velocity)"
-        )
-    if not alignment.north_referenced:
-        notes.append(
-            "heading at the start is not referenced to north, so the whole track is rotated by the"
-            " unknown heading; use --align log, fixed or a method that finds north"
         )
     latitude, longitude = latitude * DEGREE, longitude * DEGREE
     if config.align.latitude is None:  # that of the antenna

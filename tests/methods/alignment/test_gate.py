@@ -157,6 +157,20 @@ def test_saturation():
     assert looks_clipped(noisy(1)[1]) is None
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_counts_of_a_laser_gyro_at_rest_are_not_clipped(seed):
+    truth, count = trajectory().imu, 5e-6
+    imu = increments(truth)
+    random = np.random.default_rng(seed)
+    turned = np.cumsum(
+        count * (random.uniform(0.1, 0.4, 3) + 0.3 * random.standard_normal(imu.delta_theta.shape)),
+        axis=0,
+    )
+    theta = count * np.diff(np.floor(turned / count), axis=0, prepend=0.0)
+    theta = np.minimum(np.maximum(theta, 0.0), count)
+    assert looks_clipped(ImuIncrements(imu.time_ns, theta, imu.delta_velocity)) is None
+
+
 def test_a_record_of_two_samples_may_be_saturated():
     # 2 g within 10 ms; the first sample's interval is taken for as long as the next
     force = np.array([[0.0, 0.0, -19.0], [0.0, 0.0, -20.0]])

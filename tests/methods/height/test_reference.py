@@ -6,7 +6,7 @@ from scipy.optimize import brentq, least_squares
 from scipy.stats import norm
 
 from sinstool.methods.height.reference import (
-    _huber_line,
+    _huber_fit,
     fit_scale,
     reference_from_gnss,
     reference_from_setting,
@@ -68,6 +68,14 @@ def test_gnss_scale_is_fitted_where_the_log_climbs():
     assert reference.scale == pytest.approx(1.05, abs=0.002)
     good = np.isfinite(day.p) & (day.p > 0)
     assert abs(reference.height(day.p) - day.h)[good].max() < 3.0
+
+
+@pytest.mark.parametrize("lag", [0.5, 3.0])
+def test_a_barometer_that_lags_in_the_only_climb_has_the_scale_of_the_day(lag):
+    day = Day(scale=1.05, top=3240.0)
+    late = np.interp(day.t - lag, day.t, day.p)
+    fit = reference_from_gnss(ns(day.t), late, ns(day.t_gnss[:300]), day.gnss[:300]).fit
+    assert fit.applied and fit.scale == pytest.approx(1.05, abs=1.5e-3)
 
 
 def test_gnss_offset_alone_where_it_does_not():
@@ -137,5 +145,5 @@ def test_the_line_is_that_of_scipys_least_squares(climb, outliers):
         lambda u: y - u[0] - u[1] * x, [0.0, 100.0], loss="huber", f_scale=2.0, xtol=1e-15,
         ftol=1e-15, gtol=1e-12,
     ).x  # fmt: skip
-    found = _huber_line(x, y, np.array([0.0, 100.0]), 2.0)
+    found = _huber_fit(np.column_stack([np.ones_like(x), x]), y, np.array([0.0, 100.0]), 2.0)
     np.testing.assert_allclose(found, expected, atol=1e-5)

@@ -186,6 +186,35 @@ def test_an_error_that_wanders_and_one_that_is_stated_are_not_told():
         assert not unsettled(honest).any()
 
 
+@pytest.mark.parametrize("latitude", [-81.0, -74.0, 60.0, 72.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_jet_that_turns_at_high_latitudes_is_where_it_is(seed, latitude):
+    """North turns by degrees in a minute: 299 good fixes were said to be 129 m off."""
+    random, step = np.random.default_rng(seed), 0.1
+    t = np.arange(0.0, 900.0, step)
+    course = random.uniform(0.0, 6.0) + np.cumsum(np.where(t % 150.0 < 60.0, 0.05, 0.0) * step)
+    velocity = 250.0 * np.stack([np.cos(course), np.sin(course), 0.0 * t], axis=1)
+    place = np.array([np.radians(latitude), 0.2])
+    places = np.empty((len(t), 2))
+    between = 0.5 * (velocity + np.roll(velocity, -1, axis=0))
+    for k, v in enumerate(between):
+        places[k] = place
+        there = displaced(*place, 9000.0, *(0.5 * step * v[:2]))
+        way = np.subtract(displaced(*there, 9000.0, *(step * v[:2])), there)
+        place = place + way
+    rows = np.flatnonzero((np.arange(len(t)) % 2 == 0) & ((t < 400.0) | (t >= 700.0)))
+    n = len(rows)
+    noise = 0.4 * random.standard_normal((n, 3))
+    latitudes, longitudes = displaced(*places[rows].T, 9000.0, *noise[:, :2].T)
+    time_ns = np.round(t[rows] * 1e9).astype(np.int64)
+    velocities = velocity[rows] + 0.05 * random.standard_normal((n, 3))
+    gnss = GnssEpochs(
+        time_ns, time_ns, latitudes, longitudes, 9000.0 - noise[:, 2], velocities,
+        np.full((n, 3), 0.4), np.full((n, 3), 0.05),
+    )  # fmt: skip
+    assert not unsettled(gnss).any() and not leaps(gnss).any()
+
+
 def test_without_velocities_nothing_is_said():
     gnss, _ = coming_in(1, 5.0, 50.0, 8.0)
     assert not unsettled(replace(gnss, velocity_n=np.full_like(gnss.velocity_n, np.nan))).any()

@@ -11,6 +11,7 @@ from sinstool.config.load import build
 from sinstool.core.errors import ConfigurationError, DataError
 from sinstool.core.streams import Baro, GnssEpochs
 from sinstool.methods.height.layout import ChannelSummary, Event
+from sinstool.methods.height.reference import reference_from_gnss
 from sinstool.methods.height.standard_atmosphere import geopotential, pressure_at
 from sinstool.pipelines.process.height import (
     height_reference,
@@ -24,7 +25,7 @@ T0 = 1_700_000_000_000_000_000
 LATITUDE = np.radians(-43.5)
 
 
-def streams(seconds=200.0, jump_at=None, hangs=None, gap=None, climb=2.0):
+def streams(seconds=200.0, jump_at=None, hangs=None, gap=None, climb=2.0, day=1.0):
     t = np.arange(0.0, seconds, 0.1)
     height = 300.0 + climb * t
     shown = height + (0.0 if jump_at is None else 25.0 * (t >= jump_at))
@@ -33,7 +34,7 @@ def streams(seconds=200.0, jump_at=None, hangs=None, gap=None, climb=2.0):
         shown[inside] = shown[inside][0]
     keep = np.ones(len(t), bool) if gap is None else (t < gap[0]) | (t > gap[1])
     times = T0 + np.round(t * 1e9).astype(np.int64)
-    pressure = pressure_at(geopotential(shown))
+    pressure = pressure_at(geopotential(shown / day))
     baro = Baro(times[keep], times[keep], pressure[keep], np.zeros(keep.sum()))
     rows = slice(0, None, 10)
     n = len(t[rows])
@@ -60,6 +61,24 @@ def test_none_after_a_jump():
 def test_none_in_a_gap():
     baro, gnss, t = streams(gap=(50.0, 90.0))
     np.testing.assert_array_equal(heights_for_calibration(baro, gnss), (t < 50.0) | (t > 90.0))
+
+
+@pytest.mark.parametrize("day", [0.92, 1.06])
+@pytest.mark.parametrize("gap", [(100.0, 250.0), None])
+def test_the_scale_of_a_day_in_a_fast_climb_is_no_jump(day, gap):
+    baro, gnss, t = streams(seconds=400.0, gap=gap, climb=30.0, day=day)
+    known = heights_for_calibration(baro, gnss)
+    np.testing.assert_array_equal(known, True if gap is None else (t < 100.0) | (t > 250.0))
+    reference = reference_from_gnss(
+        baro.time_ns, baro.pressure, gnss.time_ns[known], gnss.height[known]
+    )
+    assert reference.scale == pytest.approx(day, abs=2e-3)
+
+
+def test_a_jump_in_a_gap_is_one():
+    baro, gnss, t = streams(gap=(100.0, 130.0), jump_at=120.0, climb=0.5)
+    known = heights_for_calibration(baro, gnss)
+    assert known[t < 97.0].all() and not known[t > 132.0].any()
 
 
 def test_none_of_a_sensor_that_hangs_in_a_climb():

@@ -27,7 +27,7 @@ from sinstool.methods.sensor_errors import (
 )
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
-from sinstool.survey.grade import NOISIER, ImuGrade, random_walk, random_walks
+from sinstool.survey.grade import NOISIER, ImuGrade, gyro_walk_shown, random_walks
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
@@ -83,7 +83,7 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     navigation grade from others, but leaves its biases open, and scale factors are then no better
     than those of the grade below.
     """
-    noise, walks = _of_grade(config, grade), random_walks(source)
+    noise, walks = _of_grade(config, grade), _walks_at_rest(source)
     options, file = config.in_flight, config.navigation.imu_noise
     if grade.by_drift:
         # Which says little of the biases at the start, and of how the axes lie in the case
@@ -107,6 +107,12 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
         same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
         noise = replace(noise, **{name: changes[name] for name in same})
     return noise
+
+
+def _walks_at_rest(source: Source) -> tuple[float, float] | None:
+    """Random walks of angle and velocity at rest; the former without what stays within an angle."""
+    walks, shown = random_walks(source), gyro_walk_shown(source)
+    return None if walks is None or shown is None else (shown, walks[1])
 
 
 def _of_grade(config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
@@ -201,7 +207,7 @@ def receiver_stated(config: ProcessConfig) -> bool:
 
 def too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
     """Warning of a gyro whose configured noise is far below its noise at rest."""
-    shown, assumed = random_walk(source), settings.imu.angle_random_walk
+    shown, assumed = gyro_walk_shown(source), settings.imu.angle_random_walk
     if not imu_stated(config) or shown is None or shown < NOISIER * assumed:
         return []
     size = 60.0 / DEGREE

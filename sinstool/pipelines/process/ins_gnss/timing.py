@@ -35,10 +35,13 @@ from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, WhiteNoise
 from sinstool.survey.increments import first_increments
+from sinstool.survey.rest import rest_end
 from sinstool.survey.source import Source
 
 # The first part of a log, from which latency and lever arm are estimated, up to a gap.
 FIRST_NS = 400 * SECOND
+# A rest at its beginning shows neither, and lengthens it, up to this.
+LONGEST_REST_NS = 600 * SECOND
 GAP_NS = 5 * SECOND
 # A latency is used if it is more than this, s, and more than so many of its sigmas: stamps of most
 # receivers are right, and 10 ms with a sigma of 7 ms are then more likely chance.
@@ -301,7 +304,17 @@ def motion_from(
 
     Across a gap a filter's errors depend on how the gap is bridged, not on latency or lever arm.
     """
-    return first_increments(source, config, algorithm, start_ns, FIRST_NS, GAP_NS)
+    span_ns = FIRST_NS + _rest_from(source, start_ns)
+    return first_increments(source, config, algorithm, start_ns, span_ns, GAP_NS)
+
+
+def _rest_from(source: Source, start_ns: int) -> int:
+    """For how long the vehicle still rests, of the rest at the log's beginning, ns."""
+    survey = source.survey
+    if survey.lead_in is None:
+        return 0
+    end_ns = rest_end(survey.lead_in, survey.spans, survey.windows)
+    return min(max(0, end_ns - start_ns), LONGEST_REST_NS)
 
 
 def white_noise(

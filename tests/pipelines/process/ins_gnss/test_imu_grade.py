@@ -148,7 +148,7 @@ def test_a_drift_makes_an_imu_no_better_than_it_clearly_shows(gains, expected):
 
 @pytest.mark.parametrize(("grade", "worse"), [("industrial", "mems"), ("navigation", "tactical")])
 def test_a_drift_does_not_show_biases_nor_how_axes_lie_in_the_case(monkeypatch, grade, worse):
-    for name in ("random_walks", "walks_in_motion"):
+    for name in ("_walks_at_rest", "walks_in_motion"):
         monkeypatch.setattr(filter_settings, name, lambda _: None)
     imu = filter_settings._imu(None, ProcessConfig(), ImuGrade(grade, "by its drift", True))
     for name in ("gyro_bias", "accel_bias", "gyro_misalignment", "accel_misalignment"):
