@@ -14,7 +14,7 @@ from sinstool.methods.wheel_fit import WheelFit
 from sinstool.survey.wheels import WheelSpeeds, matched, slipping
 
 # Readings further apart than this say nothing between them.
-LONGEST_NS = SECOND // 2
+LONGEST_NS = 5 * SECOND // 4
 # A speed of wheels as a mean over 1 s is not better than this, nor worse, m/s.
 LEAST_SIGMA, MOST_SIGMA = 0.1, 1.0
 # How long what is wrong with wheels lasts, s.
