@@ -53,8 +53,8 @@ MOST_NEARBY, ROWS = 2000, 1000
 # Largest ratio of the variation of the lines' durations to that of independent intervals; an
 # interval counts as at most so many usual ones.
 STEADY, LONGEST = 0.5, 10.0
-# Intervals are multiples of the usual one if this share of them are to within so much of it. The rms
-# by which stamps at ticks differ from even times is 0.29 of a tick, and grows as some are lost.
+# Intervals are multiples of the usual one if this share of them are, to within so much of it.
+# Stamps at ticks differ from even times by 0.29 of a tick, rms, and by more where some are lost.
 ON_GRID, GRID, TICK = 0.98, 0.1, 0.6
 # A regression on the stamps gives 0 for even samples and 1 if the stamps are right: the limit
 # between both, the sigmas from 0 beyond which it counts, and the samples after which it is decided.

@@ -13,8 +13,8 @@ from sinstool.methods.land_vehicle.track import Means, Track
 from sinstool.methods.wheel_fit import WheelFit
 from sinstool.survey.wheels import WheelSpeeds, matched, slipping
 
-# Readings further apart than this say nothing between them. Cars' own buses are asked once a second;
-# between two such readings a change of acceleration by 1 m/s^2 is worth 0.12 m/s, about their sigma.
+# Readings further apart than this say nothing between them. A car's own bus is asked once a second:
+# between two such readings a jerk of 1 m/s^3 is worth 0.12 m/s, about as much as their sigma.
 LONGEST_S = 1.25
 # A speed of wheels as a mean over 1 s is not better than this, nor worse, m/s.
 LEAST_SIGMA, MOST_SIGMA = 0.1, 1.0
