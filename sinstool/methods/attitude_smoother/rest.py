@@ -28,6 +28,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     GYRO_VARIANCE,
     MOVING,
     OWN_RATE,
+    OWN_VARIANCE,
     QUIET,
     RATE_DOUBT,
     REST,
@@ -279,9 +280,7 @@ def _note_sway(rows: np.ndarray, still: np.ndarray) -> None:
             for axis in about.T:
                 square -= _over_windows(axis, wide) ** 2 / 3.0
             part[:, sway] = _of_windows(square * wide / max(wide - 1, 1), len(part))
-        own = part[:, GYRO_VARIANCE : GYRO_VARIANCE + 3].mean(axis=1)
-        own /= np.maximum(part[:, COUNT], 1.0)
-        part[:, OWN_RATE] = mean_over(own, wide)
+        part[:, OWN_RATE] = mean_over(part[:, OWN_VARIANCE], wide)
 
 
 def _over_windows(column: np.ndarray, wide: int) -> np.ndarray:
