@@ -304,7 +304,7 @@ def test_noise_that_a_sensor_filters_is_no_sway(seed, swaying):
     swell = np.sin(2.0 * np.pi / 3.0 * dt * np.arange(n))[:, None] * [1.0, 0.7, 0.7]
     white = random.standard_normal((n + 2, 3))
     filtered = 6e-3 * (white[2:] + 2.0 * white[1:-1] + white[:-2]) / np.sqrt(6.0)
-    gyro = filtered + (2.5e-3 * swell if swaying else 0.0)
+    gyro = filtered + (2e-3 * swell if swaying else 0.0)
     force = [0.0, 0.0, -GRAVITY] + 0.02 * random.standard_normal((n, 3))
     level = np.array([1.0, 0.0, 0.0, 0.0])
     epochs = with_rest(epochs_of(solution_of(dt, turned(level, gyro, dt), gyro, force)))
