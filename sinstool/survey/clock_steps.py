@@ -29,8 +29,8 @@ MEDIAN = 1.858
 # A step is so many of its standard deviations in size, and the times on both sides of it show it
 # but for this share.
 SURE, ALIKE = 6.0, 0.3
-# A clock that is off by less than this is not set, but goes faster or slower for a while [1]_: steps
-# so small that go either way are those of a delay.
+# A clock that is off by less than this is not set, but goes faster or slower for a while [1]_:
+# steps so small that go either way are those of a delay.
 SLEWED_NS = 128_000_000
 # Who sets a clock more often than this disciplines it.
 MOST_STEPS = 20
