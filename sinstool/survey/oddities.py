@@ -251,7 +251,8 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             "slow-imu",
             f"topic {s.topic} has {s.rate_hz:.3g} samples a second, too few to integrate"
             f" (at least {MIN_RATE_HZ:.0f} are needed)",
-            answer="choose the raw topic with --imu-topic, or give the true rate with --imu-rate",
+            answer="record it faster, or choose a faster topic with --imu-topic; if the stamps are"
+            " wrong, give the true rate with --imu-rate",
             severity=Severity.FAILED,
         )
     given = options.imu_rate
