@@ -287,8 +287,9 @@ def _note_sway(rows: np.ndarray, still: np.ndarray) -> None:
             part[:, sway] = _of_windows(square * wide / max(wide - 1, 1), len(part))
         white = part[:, GYRO_VARIANCE : GYRO_VARIANCE + 3].mean(axis=1)
         part[:, OWN_RATE] = mean_over(white / np.maximum(part[:, COUNT], 1.0), wide)
+        noisy = part[:, OWN_RATE] > 0.0
         own = mean_over(part[:, OWN_VARIANCE], wide)
-        times.append(own[own > 0.0] / part[own > 0.0, OWN_RATE])
+        times.append(own[noisy] / part[noisy, OWN_RATE])
     if still.any():
         together = np.concatenate(times)
         # Where motion begins or ends means of parts differ by more, so not the mean
