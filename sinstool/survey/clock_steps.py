@@ -4,6 +4,10 @@ A computer without a clock of its own starts at some time, and sets its clock wh
 server. What it stamps, and its times of recording, then run back or leap, while sensors sample on.
 The order of the file tells: it is that of arrival. Late messages run back too, but fill a hole when
 they are put in their place, while a clock that was set back counts the same time twice.
+
+References
+----------
+.. [1] D. L. Mills et al., "Network time protocol version 4", RFC 5905, 2010: the step threshold.
 """
 
 from __future__ import annotations
@@ -25,6 +29,9 @@ MEDIAN = 1.858
 # A step is so many of its standard deviations in size, and the times on both sides of it show it
 # but for this share.
 SURE, ALIKE = 6.0, 0.3
+# A clock that is off by less than this is not set, but goes faster or slower for a while [1]_:
+# steps so small that go either way are those of a delay.
+SLEWED_NS = 128_000_000
 # Who sets a clock more often than this disciplines it.
 MOST_STEPS = 20
 # Times of recording go at most so many times as fast as stamps, or as slowly.
@@ -132,7 +139,16 @@ def stamp_steps(time_ns: IntArray, log_ns: IntArray) -> list[Step]:
         if step is not None:
             found.append(step)
             move(time_ns, step, row)
+    found = _without_delays(found)
     return found if len(found) <= MOST_STEPS else []
+
+
+def _without_delays(steps: list[Step]) -> list[Step]:
+    """The steps without those that only show that a delay comes and goes."""
+    small = [step for step in steps if abs(step.size_ns) < SLEWED_NS]
+    if len({step.size_ns > 0 for step in small}) < 2:
+        return steps
+    return [step for step in steps if step not in small]
 
 
 def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> Step | None:

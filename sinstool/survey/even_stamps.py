@@ -53,6 +53,9 @@ MOST_NEARBY, ROWS = 2000, 1000
 # Largest ratio of the variation of the lines' durations to that of independent intervals; an
 # interval counts as at most so many usual ones.
 STEADY, LONGEST = 0.5, 10.0
+# Intervals are multiples of the usual one if this share of them are, to within so much of it.
+# Stamps at ticks differ from even times by 0.29 of a tick, rms, and by more where some are lost.
+ON_GRID, GRID, TICK = 0.98, 0.1, 0.6
 # A regression on the stamps gives 0 for even samples and 1 if the stamps are right: the limit
 # between both, the sigmas from 0 beyond which it counts, and the samples after which it is decided.
 HALF_WAY, BELIEVED, SHOWN = 0.5, 4.0, 200_000
@@ -173,8 +176,10 @@ def even_stamps(blocks: Iterable[Imu], increments: bool, surely: bool = False) -
     if _usual_interval(stamp_ns)[0] < LEAST_NS:
         return None
     even = _lines(stamp_ns, False)
-    if not surely and (not _steady(even, stamp_ns) or _right(even, concatenate(shown), increments)):
-        return None
+    if not surely:
+        imu = concatenate(shown)
+        if not _steady(even, stamp_ns) or _right(even, imu, increments) or _lacking(even, imu):
+            return None
     return _lines(stamp_ns, True)
 
 
@@ -423,6 +428,24 @@ def _steady(even: EvenStamps, stamp_ns: IntArray) -> bool:
         return len(even.count) == 1 and bool(steps.std())
     apart = ((even.interval_ns - even.usual_ns) * np.sqrt(even.count))[whole].std()
     return bool(apart < STEADY * steps.std())
+
+
+def _lacking(even: EvenStamps, imu: Imu) -> bool:
+    """Whether intervals are long as samples are missing, not as samples are late.
+
+    They are whole multiples of the usual one then, but they are so too where a bus collects samples
+    at its ticks. There each waits for the next tick; what is further off is not late.
+    """
+    steps = np.diff(imu.time_ns).astype(np.float64)
+    usual = float(median(steps))
+    if usual < 0.5 * steps.mean():  # in batches
+        return False
+    off = np.abs(steps - usual * np.maximum(np.rint(steps / usual), 1.0))
+    if quantile(off, ON_GRID) > GRID * usual:
+        return False
+    (block,) = even.applied([imu])
+    late = np.minimum(np.abs(imu.time_ns - block.time_ns), LONGEST * usual)
+    return float(np.mean(late**2)) > (TICK * usual) ** 2
 
 
 def _right(even: EvenStamps, imu: Imu, increments: bool) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.order_statistics import median
+from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
@@ -250,7 +251,8 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             "slow-imu",
             f"topic {s.topic} has {s.rate_hz:.3g} samples a second, too few to integrate"
             f" (at least {MIN_RATE_HZ:.0f} are needed)",
-            answer="choose the raw topic with --imu-topic, or give the true rate with --imu-rate",
+            answer="record it faster, or choose a faster topic with --imu-topic; if the stamps are"
+            " wrong, give the true rate with --imu-rate",
             severity=Severity.FAILED,
         )
     given = options.imu_rate
@@ -303,15 +305,7 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             Severity.LOST,
         )
     if s.gap_count:
-        longest = max(length for _, length in s.gaps)
-        limit = f"longer than {s.max_gap_ns / 1e6:.4g} ms"
-        gaps = (
-            f"a gap of {longest:.4g} s ({limit}); nothing is integrated across it"
-            if s.gap_count == 1
-            else f"{s.gap_count} gaps {limit}, {s.gap_total_s:.4g} s in all, the longest"
-            f" {longest:.4g} s; nothing is integrated across them"
-        )
-        yield Finding("gaps", gaps)
+        yield found_gaps(s, s.max_gap_ns)
     if s.missed:
         yield Finding(
             "missed-samples",
@@ -329,6 +323,29 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
         yield Finding(
             "clock-wander", f"log time less header stamp varies from {low:+.3f} to {high:+.3f} s"
         )
+
+
+def found_gaps(s: Survey, across_ns: int) -> Finding:
+    """The gaps of an Imu.
+
+    Parameters
+    ----------
+    across_ns : int
+        Gaps up to this long are integrated across.
+    """
+    longest = max(length for _, length in s.gaps)
+    limit = f"longer than {s.max_gap_ns / 1e6:.4g} ms"
+    text, them = f"a gap of {longest:.4g} s ({limit})", "it"
+    if s.gap_count > 1:
+        text = f"{s.gap_count} gaps {limit}, {s.gap_total_s:.4g} s in all, the longest"
+        text, them = f"{text} {longest:.4g} s", "them"
+    # At most the longest gaps are listed
+    short = s.gap_count - sum(1 for _, length in s.gaps if SECOND * length > across_ns)
+    if short == s.gap_count:
+        return Finding("gaps", f"{text}; short enough to be integrated across")
+    if short:
+        them = f"those longer than {across_ns / 1e6:.4g} ms"
+    return Finding("gaps", f"{text}; nothing is integrated across {them}")
 
 
 def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:

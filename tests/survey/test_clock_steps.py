@@ -115,6 +115,23 @@ def test_delays_are_no_steps(seed):
     assert not stamp_steps(time_ns[3000:][keep], queue[keep])
 
 
+@pytest.mark.parametrize("delay_ms", [30, 40, 90])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_delay_that_comes_and_goes_is_no_clock(seed, delay_ms):
+    """An autopilot's barometer, of which every fifth sample is kept: a clock set six times."""
+    random = np.random.default_rng(seed)
+    log_ns = T0 + np.cumsum(random.normal(0.2 * SECOND, 1e-3 * SECOND, 170)).astype(np.int64)
+    time_ns = log_ns - random.integers(0, 200_000, len(log_ns))
+    waits = (np.arange(len(log_ns)) // random.integers(5, 12)) % 3 == 1
+    time_ns[waits] -= delay_ms * SECOND // 1000
+    assert not stamp_steps(time_ns, log_ns)
+    # But a clock may be set meanwhile
+    time_ns[90:] += 2 * SECOND
+    assert [step.size_ns for step in stamp_steps(time_ns, log_ns)] == [
+        pytest.approx(2 * SECOND, abs=0.1 * SECOND)
+    ]
+
+
 @pytest.mark.parametrize("pace", [0.01, 0.5, 3.0])
 def test_times_of_a_log_that_was_written_anew_show_no_steps(pace):
     """Its times of recording are those of its writing, which passed over a gap."""

@@ -123,6 +123,39 @@ def test_increments_over_uneven_intervals_keep_their_stamps():
             assert even is not None and even.usual_ns == pytest.approx(expected, rel=1e-5)
 
 
+def shaken(time_ns, stamp_ns, seed):
+    """Rates that vibration hides, so that they do not show which times are theirs."""
+    gyro = np.random.default_rng(seed).standard_normal((len(time_ns), 3))
+    return Imu(stamp_ns, stamp_ns, gyro, np.tile([0.0, 0.0, 9.81], (len(time_ns), 1)), None)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("lost", [(2, 2, 2, 3, 2, 2, 2, 28), (2, 2, 3, 2, 2, 25), (3, 3, 3, 21)])
+def test_samples_lost_in_a_rhythm_leave_the_others_at_their_stamps(lost, seed):
+    """A phone that pairs two sensors loses every second sample while their clocks pass.
+
+    Even times would move the others by more than an interval.
+    """
+    missing = np.cumsum(np.tile(lost, 120))
+    number = np.setdiff1d(np.arange(missing[-1]), missing)
+    jitter = np.random.default_rng(seed).normal(scale=0.02 * MS, size=len(number))
+    stamps = T0 + 4 * INTERVAL * number + jitter.astype(np.int64)
+    assert even_stamps([shaken(stamps, stamps, seed)], False) is None
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("period_ms", [10.0, 11.3, 13.7])
+def test_samples_that_a_bus_collects_at_its_ticks_are_even(period_ms, seed):
+    """Their intervals are one tick or two, but no sample is missing."""
+    time_ns = T0 + (period_ms * MS * np.arange(6000)).astype(np.int64)
+    tick = 8 * MS
+    jitter = np.random.default_rng(seed).integers(0, MS // 20, len(time_ns))
+    stamps = T0 + tick * (1 + (time_ns - T0) // tick) + jitter
+    even = even_stamps([shaken(time_ns, stamps, seed)], False)
+    assert even is not None and not even.gaps
+    assert even.usual_ns == pytest.approx(period_ms * MS, rel=1e-4)
+
+
 def test_a_clock_that_is_not_steady_keeps_its_stamps():
     """Intervals that vary independently add up."""
     random = np.random.default_rng(4)

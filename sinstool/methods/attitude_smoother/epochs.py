@@ -28,13 +28,16 @@ DV, DP = map(np.int64, (2, 5))
 GYRO, ACCEL, GYRO_VARIANCE, ACCEL_VARIANCE, COUNT = 20, 23, 26, 29, 32
 OWN_RATE, SWAY_RATE, SWAY_FORCE, RATE_DOUBT = 33, 34, 35, 36
 TURNED: Any = np.int64(37)
-TURN_DOUBT, FORCE_DOUBT, UNEVEN = 40, 41, 42
-WIDTH = 43
+TURN_DOUBT, FORCE_DOUBT, UNEVEN, OWN_VARIANCE = 40, 41, 42, 43
+WIDTH = 44
 # Kinds of epochs: a quiet one does not turn, a steady one does not accelerate either, and one at
 # rest does not move.
 MOVING, QUIET, STEADY, AT_REST = range(4)
 # This many consecutive samples at the largest rate of an axis are a saturated gyro.
 STOP_RUN = 3
+# The noise of filtered samples is alike for some of them, but hardly for as long as this part of an
+# epoch: means over such parts show how well the mean of the epoch is known.
+PART_S = 0.25 * EPOCH_S
 # The path of a vehicle turns with its axes averaged over this many epochs, without their wobble.
 WAY_TURNS = 25
 # A turn as long and as fast as this (s, rad/s) looks like a gyro's bias, unless a rest shows that.
@@ -59,7 +62,8 @@ class Epochs:
         how far sway may have left the mean rate from the bias, as a variance; in navigation axes
         the angle turned (rad), a mean over `WAY_TURNS` epochs; variances of a turn about the
         vertical that looks like none, and of an acceleration that does; square of the angle by
-        which uneven stamps and an even clock differ (rad^2).
+        which uneven stamps and an even clock differ (rad^2); the variance of an axis' mean rate by
+        noise that lasts for less than `PART_S`.
     omega_in_n : ndarray, shape (3,)
         What the integration took for the rate of NED, rad/s.
     """
@@ -121,8 +125,9 @@ class EpochStage:
         self._omega_in_n = np.zeros(3) if omega_in_n is None else np.asarray(omega_in_n, np.float64)
         self._origin: int | None = None
         self._open = np.zeros(WIDTH)
-        # of the sample before: attitude, time, epoch, runs at the stops and their length, force
-        self._state = np.zeros(16)
+        # of the sample before: attitude, time, epoch, runs at the stops and their length, force; of
+        # its part of the epoch: number, samples, sum of rates; parts that are closed
+        self._state = np.zeros(22)
         self._closed: list[FloatArray] = []
         self._ends: list[np.ndarray] = []
 
@@ -167,7 +172,7 @@ class EpochStage:
         self._closed, self._ends = [], []
         if self._open[COUNT] > 0.0:
             row = self._open.copy()
-            _close(row)
+            _close(row, self._state)
             rows.append(row[None, :])
             ends.append(np.array([self._state[4]]))
         values = joined(rows) if rows else np.empty((0, WIDTH))
@@ -198,7 +203,18 @@ def turns_of_way(angle: FloatArray) -> FloatArray:
 
 
 @part()
-def _close(row: FloatArray) -> None:
+def _close_part(row: FloatArray, state: FloatArray) -> None:
+    """Add what the mean of a part of the epoch is to the sum of their squares."""
+    if state[17] > 0.0:
+        for a in range(3):
+            row[OWN_VARIANCE] += state[18 + a] ** 2 / state[17]
+            state[18 + a] = 0.0
+        state[17] = 0.0
+        state[21] += 1.0
+
+
+@part()
+def _close(row: FloatArray, state: FloatArray) -> None:
     """Turn sums of squares into variances, and compare the stamps with an even clock.
 
     Sensors sample evenly, whatever the stamps say: those of receipt jitter and come in bursts, and
@@ -207,6 +223,11 @@ def _close(row: FloatArray) -> None:
     """
     for a in range(6):
         row[GYRO_VARIANCE + a] /= max(row[COUNT] - 1.0, 1.0)
+    _close_part(row, state)
+    for a in range(3):
+        row[OWN_VARIANCE] -= row[COUNT] * row[GYRO + a] ** 2
+    row[OWN_VARIANCE] /= 3.0 * max(state[21] - 1.0, 1.0) * max(row[COUNT], 1.0)
+    state[21] = 0.0
     for a in range(3):
         off = row[TURNED + a] - row[GYRO + a] * row[DURATION]
         row[UNEVEN] += off * off
@@ -214,10 +235,10 @@ def _close(row: FloatArray) -> None:
 
 
 @part()
-def _end(row: FloatArray, t: float, rows: FloatArray, ends: FloatArray, made: int) -> None:
+def _end(row: FloatArray, state: FloatArray, rows: FloatArray, ends: FloatArray, made: int) -> None:
     """Give out the open epoch and begin the next."""
-    _close(row)
-    ends[made] = t
+    _close(row, state)
+    ends[made] = state[4]
     for a in range(WIDTH):
         rows[made, a] = row[a]
         row[a] = 0.0
@@ -263,7 +284,7 @@ def _accumulate(
         number = np.ceil((t - 1e-6) / EPOCH_S)
         if not first and dt > max_gap:
             if row[COUNT] > 0.0:
-                _end(row, state[4], rows, ends, made)
+                _end(row, state, rows, ends, made)
                 made += 1
             for a in range(WIDTH):
                 rows[made, a] = 0.0
@@ -273,7 +294,7 @@ def _accumulate(
             if interval > 0.0:
                 dt = interval
             if row[COUNT] > 0.0 and number != state[5]:
-                _end(row, state[4], rows, ends, made)
+                _end(row, state, rows, ends, made)
                 made += 1
             # attitude half way
             sign = 1.0
@@ -319,6 +340,11 @@ def _accumulate(
             row[JB + 8] += c22 * dt
             row[DURATION] += dt
             row[COUNT] += 1.0
+            piece = np.ceil((t - 1e-6) / PART_S)
+            if piece != state[16]:
+                _close_part(row, state)
+            state[16] = piece
+            state[17] += 1.0
             stopped = False
             nx, ny, nz = omega_in_n[0], omega_in_n[1], omega_in_n[2]
             turned = (
@@ -329,6 +355,7 @@ def _accumulate(
             for a in range(3):
                 rate = omega[i, a] - turned[a]
                 row[W2] += rate * rate * dt
+                state[18 + a] += rate
                 row[TURNED + a] += rate * dt  # until the epoch ends
                 delta = rate - row[GYRO + a]
                 row[GYRO + a] += delta / row[COUNT]
@@ -403,7 +430,7 @@ def merged(epochs: Epochs, length: int, by_kind: bool = False) -> Epochs:
         together[:, columns] = summed / np.add.reduceat(weight, first)[:, None]
     together[:, REST] = np.minimum.reduceat(rows[:, REST], first)
     # variances of means, each of an epoch
-    for column in (OWN_RATE, SWAY_RATE, RATE_DOUBT, TURN_DOUBT, FORCE_DOUBT):
+    for column in (OWN_RATE, SWAY_RATE, RATE_DOUBT, TURN_DOUBT, FORCE_DOUBT, OWN_VARIANCE):
         together[:, column] /= many
     return replace(
         epochs, time_ns=np.append(epochs.time_ns[first], epochs.time_ns[-1]), values=together

@@ -28,6 +28,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     GYRO_VARIANCE,
     MOVING,
     OWN_RATE,
+    OWN_VARIANCE,
     QUIET,
     RATE_DOUBT,
     REST,
@@ -269,7 +270,12 @@ def _drop_short_turns(
 
 
 def _note_sway(rows: np.ndarray, still: np.ndarray) -> None:
-    """Set the variances of the means of epochs within their windows, and those due to noise."""
+    """Set the variances of the means of epochs within their windows, and those due to noise.
+
+    Samples that a sensor filters are alike, so that their mean is less certain than that of others.
+    Parts of an epoch show that, each poorly, but it is the same throughout the log.
+    """
+    times = []
     for begin, end in runs(still):
         part = rows[begin:end]
         wide = min(WINDOW, len(part))
@@ -279,9 +285,15 @@ def _note_sway(rows: np.ndarray, still: np.ndarray) -> None:
             for axis in about.T:
                 square -= _over_windows(axis, wide) ** 2 / 3.0
             part[:, sway] = _of_windows(square * wide / max(wide - 1, 1), len(part))
-        own = part[:, GYRO_VARIANCE : GYRO_VARIANCE + 3].mean(axis=1)
-        own /= np.maximum(part[:, COUNT], 1.0)
-        part[:, OWN_RATE] = mean_over(own, wide)
+        white = part[:, GYRO_VARIANCE : GYRO_VARIANCE + 3].mean(axis=1)
+        part[:, OWN_RATE] = mean_over(white / np.maximum(part[:, COUNT], 1.0), wide)
+        noisy = part[:, OWN_RATE] > 0.0
+        own = mean_over(part[:, OWN_VARIANCE], wide)
+        times.append(own[noisy] / part[noisy, OWN_RATE])
+    if still.any():
+        together = np.concatenate(times)
+        # Where motion begins or ends means of parts differ by more, so not the mean
+        rows[still, OWN_RATE] *= max(1.0, float(median(together))) if len(together) else 1.0
 
 
 def _over_windows(column: np.ndarray, wide: int) -> np.ndarray:

@@ -348,8 +348,8 @@ def _lag(fixes: GnssEpochs) -> list[Finding]:
         Finding(
             "velocity-lag",
             f"the receiver's velocities are stamped {1e3 * abs(lag.latency_s):.0f} ms {when} than"
-            " its positions: they are means over the time before",
-            answer="their stamps are to be shifted",
+            " its positions",
+            answer=f"give --gnss-velocity-lag {lag.latency_s:.2f}",
             numbers={"velocity_lag_s": lag.latency_s},
         )
     ]

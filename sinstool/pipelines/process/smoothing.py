@@ -47,7 +47,8 @@ from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.grade import gyro_walk, largest_bias, sensor_grade
-from sinstool.survey.rest import longest_rest, moving_at
+from sinstool.survey.oddities import found_gaps
+from sinstool.survey.rest import REST_S, longest_rest, moving_at
 from sinstool.survey.source import Source, nominal_interval
 
 # Gaps up to this long are integrated across, as gravity corrects the tilt afterwards.
@@ -339,7 +340,10 @@ class Smoothing:
 
     def findings(self) -> Iterator[Finding]:
         """Findings about the smoothed attitude."""
-        s, first_ns = self.summary, self._source.survey.first_ns
+        s, survey = self.summary, self._source.survey
+        first_ns, across_ns = survey.first_ns, self._settings.max_gap_ns
+        if survey.gap_count and across_ns > survey.max_gap_ns:
+            yield replace(found_gaps(survey, across_ns), topic=survey.topic)
         if self._magnetic is not None:
             yield from self._magnetic.findings()
         if self._diverged:
@@ -368,9 +372,13 @@ class Smoothing:
         if not self._rested and not compassed:
             sigma = f"{s.heading_sigma_end_deg:.2g} deg (1 sigma)"
             drift = "any angle" if s.heading_lost else sigma
+            quiet_s = max((span.duration_s for span in self._source.survey.spans), default=0.0)
+            what = "the log has no rest of 2 s"
+            if quiet_s >= REST_S:
+                what = f"the quietest {quiet_s:.0f} s of the log are no sure rest"
             yield Finding(
                 "no-rest",
-                "the log has no rest of 2 s, so the gyro"
+                f"{what}, so the gyro"
                 " bias about the vertical is not observable: by the end heading may have"
                 f" drifted by {drift}",
                 answer="record some seconds at rest, or give --gyro-bias X,Y,Z",

@@ -295,6 +295,24 @@ def test_a_sway_within_the_noise_shows_over_a_minute(swaying):
     assert believed.at_rest.mean() == (pytest.approx(1.0, abs=0.05) if not swaying else 0.0)
 
 
+@pytest.mark.parametrize("swaying", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_that_a_sensor_filters_is_no_sway(seed, swaying):
+    """An autopilot on a desk passed for a ship, as three of its samples are much alike."""
+    sensors = sensor_model("mems", walk_at_rest=None, bias_known=True, earth_removed=True)
+    dt, n, random = 0.004, 5000, np.random.default_rng(seed)
+    swell = np.sin(2.0 * np.pi / 3.0 * dt * np.arange(n))[:, None] * [1.0, 0.7, 0.7]
+    white = random.standard_normal((n + 2, 3))
+    filtered = 6e-3 * (white[2:] + 2.0 * white[1:-1] + white[:-2]) / np.sqrt(6.0)
+    gyro = filtered + (2e-3 * swell if swaying else 0.0)
+    force = [0.0, 0.0, -GRAVITY] + 0.02 * random.standard_normal((n, 3))
+    level = np.array([1.0, 0.0, 0.0, 0.0])
+    epochs = with_rest(epochs_of(solution_of(dt, turned(level, gyro, dt), gyro, force)))
+    assert np.mean(epochs.rest) > 0.95
+    at_rest = confirmed(epochs, sensors).at_rest.mean()
+    assert at_rest == (pytest.approx(1.0, abs=0.05) if not swaying else 0.0)
+
+
 def test_braking_at_the_start_is_no_tilt():
     # From 45 m/s to a standstill soon, in ten minutes: only the first velocity shows that the mean
     # acceleration is no tilt. (As uncertain as later ones, 16 m/s, it leaves 0.25 deg.)

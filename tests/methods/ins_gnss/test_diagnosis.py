@@ -195,6 +195,8 @@ def test_velocities_that_lag_behind_positions():
     assert "velocity-lag" in causes(result), summary(result)
     size = next(f.numbers["velocity_lag_s"] for f in result if f.kind == "velocity-lag")
     assert size == pytest.approx(0.12, abs=0.015)
+    answer = next(f.answer for f in result if f.kind == "velocity-lag")
+    assert answer.startswith("give --gnss-velocity-lag 0.1")
     assert examined("drive", settings=settings, errors=quiet) == ()
 
 

@@ -143,6 +143,25 @@ def test_after_a_gap_tilt_is_found_again_and_heading_is_not(tmp_path):
     assert (np.abs(off) < 4.0 * sigma[:, :2]).all()
     assert sigma[2990, 2] < np.radians(10.0) and sigma[3010, 2] > np.radians(60.0)
     assert any("heading is held constant across gaps" in text for text in summary["warnings"])
+    assert any("nothing is integrated across it" in text for text in summary["warnings"])
+
+
+@pytest.mark.parametrize("long", [False, True])
+def test_which_gaps_are_integrated_across_is_said(tmp_path, long):
+    """Of 40 ms and less all are; "nothing is integrated across them" was said of all."""
+    log = hand(60.0, seed=3)
+    kept = np.ones(len(log.time_ns), bool)
+    for row in (2000, 2500, 4000):
+        kept[row : row + 3] = False
+    if long:
+        kept[3000:3300] = False
+    part = Hand(log.time_ns[kept], log.gyro[kept], log.accel[kept], log.attitude[kept])
+    summary, _, _ = smoothed(tmp_path, part)
+    (text,) = (t for t in summary["warnings"] if "gaps longer than" in t)
+    if long:
+        assert text.startswith("4 gaps") and "across those longer than 80 ms" in text
+    else:
+        assert text.startswith("3 gaps") and "short enough to be integrated across" in text
 
 
 def test_a_saturated_gyro_widens_sigmas(tmp_path):

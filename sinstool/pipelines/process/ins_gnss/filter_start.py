@@ -223,7 +223,7 @@ class FilterStart:
         level, vertical : float
             Factors on the slow errors.
         why : str
-            The reason, for `gnss_why`.
+            The reason, for `gnss_why`; empty if there is none to give.
         """
         before = self.settings.gnss
         model = before.with_slow_position(level, vertical)
@@ -239,7 +239,7 @@ class FilterStart:
             settings=replace(self.settings, gnss=model),
             start=replace(self.start, covariance_position_n=covariance),
             gnss=replace(self.gnss, sigma_position_n=sigma),
-            gnss_why=f"{self.gnss_why}; {why}",
+            gnss_why=f"{self.gnss_why}; {why}" if why else self.gnss_why,
         )
 
     @property

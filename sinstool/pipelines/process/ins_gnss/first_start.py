@@ -162,7 +162,7 @@ def _start_as(
 
 
 def _leapt(gnss: GnssEpochs) -> list[str]:
-    """Warnings about bad first fixes after an outage."""
+    """Warnings about bad first fixes, of the log or after an outage."""
     texts = []
     for off, where, used in (
         (leaps(gnss), "the line through the next ones", "this distance is used as the sigma"),
@@ -175,7 +175,9 @@ def _leapt(gnss: GnssEpochs) -> list[str]:
         bad = int(np.count_nonzero(off))
         fixes, lie = ("the first fix", "lies") if bad == 1 else (f"{bad} first fixes", "lie up to")
         if bad:
-            texts.append(f"{fixes} after an outage {lie} {off.max():.0f} m off {where}: {used}")
+            texts.append(
+                f"{fixes} of the log or after an outage {lie} {off.max():.0f} m off {where}: {used}"
+            )
     return texts
 
 

@@ -32,7 +32,7 @@ from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z, V_DOWN, V_NORTH
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
-from sinstool.pipelines.process.ins_gnss.wheels import WheelsUsed, use_wheels
+from sinstool.pipelines.process.ins_gnss.wheels import LONGEST_S, WheelsUsed, use_wheels
 from sinstool.pipelines.process.ins_gnss.whole_log_latency import (
     WholeLogLatency,
     latency_of_whole_log,
@@ -170,7 +170,14 @@ class VehicleAssumptions:
             )
             answer = "if heading or height look wrong, give --vehicle none"
             findings.append(Finding("vehicle-slides", text, answer=answer))
-        findings += [] if land.wheels is None else _of_wheels(land.wheels)
+        if self.wheels is not None and not np.isfinite(self.wheels.speed).any():
+            text = (
+                f"the wheels of {self.wheels.topic} are not used, as their readings are more than"
+                f" {LONGEST_S} s apart"
+            )
+            findings.append(Finding("wheels-unused", text, topic=self.wheels.topic))
+        elif land.wheels is not None:
+            findings += _of_wheels(land.wheels)
         if land.mount_sigma_deg[1] > VAGUE_YAW:
             text = (
                 "the yaw of the IMU in the vehicle is known to"

@@ -40,6 +40,7 @@ def test_a_wander_that_the_receiver_does_not_state(tmp_path, seed, times):
     assert start.start.covariance_position_n[0, 0] >= slow[0] ** 2
     assert start.grade.grade != "mems"
     assert any("fixes wander by" in text for text in start.warnings)
+    assert "; slow errors" in start.gnss_why and "; ;" not in start.gnss_why
 
 
 @pytest.mark.parametrize("seed", [4, 5])

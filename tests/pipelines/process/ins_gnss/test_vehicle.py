@@ -227,6 +227,27 @@ def test_wheels_that_are_named_in_vain_are_said(tmp_path):
     assert "wheels-unused" in kinds(chosen)
 
 
+def test_wheels_that_are_read_once_a_second_are_used(tmp_path):
+    """As by the diagnostic plug of a car."""
+    car = simulated(
+        tmp_path / "car.mcap", "drive", *CAR, "--seed", "6", "--wheels", "twist",
+        "--wheel-rate", "1", "--wheel-noise", "0.1",
+    )  # fmt: skip
+    chosen, solution = run(car)
+    assert chosen["filter"]["vehicle"]["land"]["wheels"]["used"] > 500
+    assert nees(*errors(car, solution)["position"])[0] < 2.5
+
+
+def test_wheels_that_are_read_too_seldom_are_said_to_be_unused(tmp_path):
+    car = simulated(
+        tmp_path / "car.mcap", "drive", *CAR, "--seed", "5", "--wheels", "twist",
+        "--wheel-rate", "0.5", "--wheel-latency", "0.3",
+    )  # fmt: skip
+    chosen, _ = run(car)
+    assert chosen["filter"]["vehicle"]["land"]["wheels"]["used"] == 0
+    assert "wheels-unused" in kinds(chosen) and "wheel-latency" not in kinds(chosen)
+
+
 @pytest.mark.parametrize(
     "options, named",
     [
