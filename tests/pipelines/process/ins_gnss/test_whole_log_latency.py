@@ -32,12 +32,12 @@ def late(request, tmp_path_factory):
 
 
 def test_twenty_minutes_show_a_latency_better_than_the_first_six(late):
-    """With about half the sigma, as the log holds more than three times as many turns."""
+    """With some half of the sigma: the first part has 400 s of motion, the log 1080 s."""
     log, latency = late
     first = start_of(log, **GROUPS)
     found = run(log, **GROUPS)[0]["filter"]
     shown = found["gnss_latency"]
-    assert 0.3 < shown["sigma_s"] / first.offsets.sigma_s < 0.55
+    assert 0.3 < shown["sigma_s"] / first.offsets.sigma_s < 0.65
     assert shown["sigma_s"] < 1.3e-3
     assert abs(shown["estimate_s"] - latency) < 2.5 * shown["sigma_s"]
     # Receivers that stamp well have none
