@@ -155,7 +155,7 @@ def navigate(
     >>> result.plan.mode.value, result.solution.position.shape[1]
     ('ins-gnss', 3)
     """
-    from sinstool.api.process import refuse_in_vain, run
+    from sinstool.api.process import refuse_output_options, run
     from sinstool.config import PROCESS_OPTIONS
 
     if gnss is None:
@@ -163,7 +163,7 @@ def navigate(
     all_options = {"mode": "ins-gnss", **options}
     settings = configured("navigate", of_columns(PROCESS_OPTIONS), all_options, config)
     target = None if output is None else path_of(output, "output")
-    refuse_in_vain(target, options)
+    refuse_output_options(target, options)
     with as_log(imu, gnss, barometer) as path:
         return run(path, target, settings, progress)
 

@@ -198,7 +198,7 @@ def process(
     path, options = log_path(log, options)
     settings = configured("process", PROCESS_OPTIONS, options, config)
     target = None if output is None else path_of(output, "output")
-    refuse_in_vain(target, options)
+    refuse_output_options(target, options)
     return run(path, target, settings, progress)
 
 
@@ -206,7 +206,7 @@ def process(
 OF_OUTPUT = ("world", "emit", "only_results", "compression")
 
 
-def refuse_in_vain(output: Path | None, options: Mapping[str, Any]) -> None:
+def refuse_output_options(output: Path | None, options: Mapping[str, Any]) -> None:
     """Refuse options of an output where there is none.
 
     Raises

@@ -49,11 +49,11 @@ def memory_held() -> Iterator[None]:
         ):
             said = os.environ.get(name, "")
             library.mallopt(number, int(said) if said.isdecimal() else _USUAL)
-        give_back()
+        return_freed_memory()
 
 
 @cache
-def keep_freed() -> None:
+def keep_freed_memory() -> None:
     """Make the process keep some 64 MB of freed memory from now on.
 
     Freeing one large piece raises glibc's dynamic limits (see mallopt(3)). Without this, a program
@@ -64,7 +64,7 @@ def keep_freed() -> None:
         bytes(PIECE - 2**20)  # freed at once; zeros take no physical memory until they are read
 
 
-def give_back() -> None:
+def return_freed_memory() -> None:
     """Return freed memory to the system; to be called after freeing much."""
     library = _glibc()
     if library is not None:
@@ -91,7 +91,7 @@ def joined(blocks: list[np.ndarray]) -> np.ndarray:
         waiting += block.nbytes
         if waiting > PIECE // 2:
             del block
-            give_back()
+            return_freed_memory()
             waiting = 0
     return rows
 

@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from sinstool.core.memory import give_back
+from sinstool.core.memory import return_freed_memory
 from sinstool.core.streams import Imu, Stream, concatenate
 
 SECOND = 1_000_000_000
@@ -368,7 +368,7 @@ def sorted_stream(
     stream = concatenate(parts)
     if len(stream) > LONG_STREAM:
         del parts
-        give_back()
+        return_freed_memory()
     if by_log_time:
         stream = replace(stream, time_ns=stream.log_time_ns)
     steps = np.diff(stream.time_ns)

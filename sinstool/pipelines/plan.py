@@ -18,7 +18,7 @@ from sinstool.config.unused import listed, unused_options
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.memory import give_back
+from sinstool.core.memory import return_freed_memory
 from sinstool.core.options import span
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G, STANDARD_GRAVITY
@@ -29,10 +29,10 @@ from sinstool.pipelines.align.first_attitude import align
 from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import (
     measured_noise,
+    random_walk_of,
     random_walks,
     sensor_grade,
     stated_grade_denied,
-    walk_in,
 )
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
 from sinstool.survey.needs import has_gnss
@@ -288,7 +288,7 @@ def _mode(
         else:
             reason = "as the log has GNSS fixes, and they show where it starts"
             return Choice("ins-gnss", reason, option), start, ()
-        give_back()
+        return_freed_memory()
     reason = "as no INS/GNSS solution can be started"
     finding = Finding(NO_INS_GNSS, f"{NO_SOLUTION}{why}", severity, answer)
     return Choice("attitude", reason, option), None, (finding,)
@@ -383,7 +383,7 @@ def _imu_noise(source: Source, config: ProcessConfig) -> Choice:
             shown = f"{walks[1] / MICRO_G:.3g} ug/sqrt(Hz)"
             reason += f"; a filter uses the accelerometer's at rest, {shown}, if that is more"
         return Choice("of the grade", reason, option)
-    walk, reason = walk_in(measured), "as configured: measured at rest"
+    walk, reason = random_walk_of(measured), "as configured: measured at rest"
     if walk is not None:
         reason += f", {walk / DEGREE_PER_ROOT_HOUR:.2g} deg/sqrt(h) for the gyro"
     return Choice(Path(str(config.navigation.imu_noise)).name, reason, option)

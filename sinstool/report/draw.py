@@ -49,7 +49,7 @@ def plotly_figure(figure: Figure, limit: int = POINTS_PER_CURVE) -> dict[str, An
     straight = [*_levels(figure), *_marks(figure)]
     ys = [np.asarray(one.y, dtype=np.float64) for one in figure.series if one.shown]
     layout: dict[str, Any] = {
-        "xaxis": _axis(figure.xlabel, figure.log_x, _shown_x(figure), _xs(figure)),
+        "xaxis": _axis(figure.xlabel, figure.log_x, _x_range(figure), _xs(figure)),
         "yaxis": _axis(figure.ylabel, figure.log_y, figure.y_range, ys),
         "shapes": [line for line, _ in straight],
         "annotations": [name for _, name in straight],
@@ -138,7 +138,7 @@ def _xs(figure: Figure) -> list[FloatArray | tuple[str, ...]]:
     return [places(figure, one) for one in figure.series]
 
 
-def _shown_x(figure: Figure) -> tuple[float, float] | None:
+def _x_range(figure: Figure) -> tuple[float, float] | None:
     """Range of the x axis; plotly by itself leaves much room beside points."""
     styles = {one.style for one in figure.series}
     xs = [x for x in _xs(figure) if not isinstance(x, tuple)]

@@ -27,7 +27,7 @@ from sinstool.io.readers.message_types import (
 )
 from sinstool.io.readers.streams import Losses, read_height, read_pressure
 from sinstool.io.readers.topics import OWN_PREFIXES, choose_optional
-from sinstool.survey.set_right import own_steps
+from sinstool.survey.clock_correction import own_steps
 from sinstool.survey.wheels import WheelSpeeds
 
 S = TypeVar("S", bound=Stream)

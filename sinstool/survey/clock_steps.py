@@ -154,7 +154,7 @@ def _without_delays(steps: list[Step]) -> list[Step]:
 def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> Step | None:
     """The step of the stamps before a row; None where it is none, or may be a delay."""
     level = delay_level(time_ns, log_ns, row)
-    if level is None or not level.sure or not of_one_pace(time_ns, log_ns, row):
+    if level is None or not level.sure or not same_pace(time_ns, log_ns, row):
         return None
     rise, interval = -level.rise, level.interval
     step = float(time_ns[row] - time_ns[row - 1])
@@ -178,7 +178,7 @@ def _stamp_step(time_ns: IntArray, log_ns: IntArray, row: int) -> Step | None:
     return Step(row, whole_size(time_ns, row, rise, level.noise), before < behind)
 
 
-def of_one_pace(time_ns: IntArray, log_ns: IntArray, row: int) -> bool:
+def same_pace(time_ns: IntArray, log_ns: IntArray, row: int) -> bool:
     """Whether times of recording go on as stamps do, before a row and behind it.
 
     Those of a log that was written anew may be of its writing, and after a stall of the recorder

@@ -97,11 +97,11 @@ def measured_noise(config: ProcessConfig) -> ImuNoise | None:
 
 def gyro_walk(source: Source, config: ProcessConfig) -> float | None:
     """Angular random walk, rad/sqrt(s), by the noise file where it has it, else at rest."""
-    walk = walk_in(measured_noise(config))
+    walk = random_walk_of(measured_noise(config))
     return random_walk(source) if walk is None else walk
 
 
-def walk_in(noise: ImuNoise | None) -> float | None:
+def random_walk_of(noise: ImuNoise | None) -> float | None:
     """Angular random walk of a noise file, rad/sqrt(s); None where it holds at most a bound."""
     if noise is None:
         return None
@@ -244,7 +244,7 @@ def sensor_grade(source: Source, config: ProcessConfig) -> ImuGrade:
 def _by_noise_and_bias(source: Source, config: ProcessConfig) -> ImuGrade:
     """A grade by the noise, and a worse one if the bias is too large for it."""
     file = config.navigation.imu_noise
-    measured = walk_in(measured_noise(config))
+    measured = random_walk_of(measured_noise(config))
     walk = gyro_walk_shown(source) if measured is None else measured
     if walk is None:
         return ImuGrade("mems", "assumed, as the log shows no rest")

@@ -156,7 +156,7 @@ class Suspects:
     def _find_leaps(self, near_ns: IntArray, near: FloatArray) -> None:
         """Single values that leap far off their neighbours and back."""
         at, axis = (np.empty(len(near), np.int64) for _ in range(2))
-        count = _lone(near, at, axis)
+        count = _isolated(near, at, axis)
         if not count:
             return
         at, axis = at[:count], axis[:count]
@@ -298,7 +298,7 @@ def _bin(size):  # type: ignore[no-untyped-def]
 
 
 @kernel()
-def _lone(values, rows, columns):  # type: ignore[no-untyped-def]
+def _isolated(values, rows, columns):  # type: ignore[no-untyped-def]
     """Rows and columns of values that leap off their neighbours and back, and how many they are.
 
     These neighbours move by little beside it. As many are found as there is room for.

@@ -26,7 +26,7 @@ from sinstool.survey.unit_evidence import (
     accel_looks_like_g,
     degrees_look_like_radians,
     gyro_looks_like_degrees,
-    spins_untold,
+    may_spin_fast,
     turns_like_degrees,
 )
 
@@ -123,7 +123,7 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             )
         else:
             yield Finding("gyro-unit", f"topic {s.topic}: {reason}, read as rad/s as specified")
-    elif options.gyro_unit is None and spins_untold(s.gyro_unit):
+    elif options.gyro_unit is None and may_spin_fast(s.gyro_unit):
         yield Finding(
             "gyro-unit",
             f"topic {s.topic}: rates of {s.gyro_unit.rate:.2g} (RMS of half-second means) are read"

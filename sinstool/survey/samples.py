@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sinstool.core.memory import give_back
+from sinstool.core.memory import return_freed_memory
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import Order, ordered, reblock
 from sinstool.io.readers.log import Log
@@ -53,7 +53,7 @@ class SampleCache:
             count += len(block)
             if count > CACHED_SAMPLES and self.blocks is not None:
                 self.blocks = None
-                give_back()
+                return_freed_memory()
             if self.blocks is not None:
                 # Columns may be parts of something larger, which must not stay alive with them.
                 columns = (block.time_ns, block.log_time_ns, block.gyro, block.accel)

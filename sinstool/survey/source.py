@@ -14,7 +14,7 @@ from sinstool.config.logs import parse_time
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.memory import give_back
+from sinstool.core.memory import return_freed_memory
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import GAP_INTERVALS, SECOND, mean_rates, means_with_lost
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
@@ -23,6 +23,7 @@ from sinstool.io.readers.streams import ImuUnits, first_fix
 from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu
 from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
+from sinstool.survey.clock_correction import may_have_stepped, remove_clock_steps
 from sinstool.survey.clock_steps import LEAST_NS
 from sinstool.survey.clocks import against_gnss
 from sinstool.survey.even_stamps import EvenStamps, even_stamps
@@ -39,7 +40,6 @@ from sinstool.survey.needs import (
 from sinstool.survey.oddities import oddities
 from sinstool.survey.rest import moving_at, rest_end, settled, shaken_rest
 from sinstool.survey.samples import SampleCache, samples_again
-from sinstool.survey.set_right import may_have_stepped, set_right
 from sinstool.survey.wheels import WheelSpeeds, read_wheels
 
 # Samples that are too many to keep are read again for leaps of their times of so many s only.
@@ -138,7 +138,7 @@ def prepare(
     survey_, samples = surveyed or survey_samples(log, topic, options, progress)
     long = samples.blocks is None  # what was read of it lies about in pieces that were freed
     if long:
-        give_back()
+        return_freed_memory()
     for oddity in oddities(survey_, options):
         if oddity.severity == Severity.FAILED:
             raise DataError(log.path, oddity.text, oddity.answer)
@@ -171,7 +171,7 @@ def prepare(
     )
     _explain(source, config)
     if long:
-        give_back()
+        return_freed_memory()
     return source
 
 
@@ -272,7 +272,7 @@ def survey_samples(
     )
     found = find()
     if look_for_steps and _may_have_stepped(found, samples):
-        steps = set_right(log, topic)
+        steps = remove_clock_steps(log, topic)
         if steps:
             found = replace(find(), clock_steps=steps)
     if _jitters(found, options):

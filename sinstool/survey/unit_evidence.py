@@ -196,7 +196,7 @@ def turns_like_degrees(evidence: UnitEvidence) -> bool:
     )
 
 
-def spins_untold(evidence: UnitEvidence) -> bool:
+def may_spin_fast(evidence: UnitEvidence) -> bool:
     """Whether rates in rad/s would be those of a fast spin, and gravity shows nothing of it.
 
     A spin about the vertical leaves gravity where it is in the body, however fast it is.

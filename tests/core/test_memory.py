@@ -18,7 +18,7 @@ from contextlib import nullcontext
 
 import numpy as np
 
-from sinstool.core.memory import keep_freed, memory_held
+from sinstool.core.memory import keep_freed_memory, memory_held
 
 def faults():
     return resource.getrusage(resource.RUSAGE_SELF).ru_minflt
@@ -30,7 +30,7 @@ def resident():
 size = int(sys.argv[2])
 before = resident()
 if sys.argv[1] == "learnt":
-    keep_freed()
+    keep_freed_memory()
 with memory_held() if sys.argv[1] == "kept" else nullcontext():
     np.ones(size)
     begun = faults()
@@ -70,7 +70,7 @@ def test_pages_are_used_again_by_a_program_that_reads_a_log():
 
 def test_opening_a_log_keeps_memory(monkeypatch, tmp_path):
     opened = []
-    monkeypatch.setattr("sinstool.io.readers.open.keep_freed", lambda: opened.append(True))
+    monkeypatch.setattr("sinstool.io.readers.open.keep_freed_memory", lambda: opened.append(True))
     with pytest.raises(NotALogError):
         open_log(tmp_path / "none.mcap")
     assert opened

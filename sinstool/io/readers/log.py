@@ -24,9 +24,9 @@ from sinstool.io.messages.definitions import (
     parse_definition,
 )
 from sinstool.io.readers.batch import RawBatch
+from sinstool.io.readers.clock_steps import NOTHING, ChannelClocks, ClockSteps
 from sinstool.io.readers.lost import LogLosses, Lost, LostParts
 from sinstool.io.readers.side_channels import SideChannelCache
-from sinstool.io.readers.undone import NOTHING, ChannelClocks, Undone
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class Log(ABC):
     clocks : dict of int to ChannelClocks
         Steps of clocks by channel. Columns of messages are read without them; raw messages are as
         they were recorded.
-    recorder : Undone
+    recorder : ClockSteps
         Steps of the recorder's clock, by log times as they are read instead of by numbers.
     """
 
@@ -138,7 +138,7 @@ class Log(ABC):
         self.counts: dict[int, int] = {}
         self.recovered: dict[int, int] = {}
         self.clocks: dict[int, ChannelClocks] = {}
-        self.recorder: Undone = NOTHING
+        self.recorder: ClockSteps = NOTHING
         # Channels by topic, and of which channels it was made
         self._by_topic: dict[str, list[Channel]] = {}
         self._topics_of = (0, 0)

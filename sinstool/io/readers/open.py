@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from sinstool.core import plugins
 from sinstool.core.errors import NotALogError
-from sinstool.core.memory import keep_freed
+from sinstool.core.memory import keep_freed_memory
 from sinstool.io.readers.formats import described, kind_of
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
     UnsupportedLogError
         It uses an encoding, compression or version that sinstool does not read.
     """
-    keep_freed()
+    keep_freed_memory()
     path = Path(path)
     if not path.exists():
         raise NotALogError(path, "there is no such file or folder")

@@ -91,17 +91,17 @@ class Motion:
     @property
     def sure(self) -> bool:
         """Whether the margin is far from where the choice turns."""
-        if self.chosen or self.margin is None or self._no_hand:
+        if self.chosen or self.margin is None or self._not_by_hand:
             return True
         return not self.short and self.margin < (1.0 - UNSURE) * MARGIN
 
     @property
     def denied(self) -> bool:
         """Whether the log shows that a hand, which was chosen, is a vehicle."""
-        return self.chosen and self.model.name == "hand" and self._no_hand
+        return self.chosen and self.model.name == "hand" and self._not_by_hand
 
     @property
-    def _no_hand(self) -> bool:
+    def _not_by_hand(self) -> bool:
         return self.margin is not None and self.margin > (1.0 + UNSURE) * MARGIN
 
 

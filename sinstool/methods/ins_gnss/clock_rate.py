@@ -48,7 +48,7 @@ class ClockRate:
         return self._exceeds(_SIGNIFICANT)
 
     @property
-    def hinted(self) -> bool:
+    def worth_repeating(self) -> bool:
         """Whether the rate is large enough to be estimated again."""
         return self._exceeds(_HINT)
 

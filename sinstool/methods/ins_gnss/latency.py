@@ -248,10 +248,10 @@ class _Windows:
         r = np.empty_like(self._z)
         for axis in range(3):
             r[:, axis] = self._z[:, axis] - np.interp(at, self._t, self._v[:, axis])
-        r = self._bent(r)
+        r = self._without_trend(r)
         return np.asarray(self._sum(r * r).sum(axis=1))
 
-    def _bent(self, values: FloatArray) -> FloatArray:
+    def _without_trend(self, values: FloatArray) -> FloatArray:
         """Less the line that fits best in each window."""
         r = self._detrended(values * self._level)
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sinstool.core.errors import OutputError
-from sinstool.core.memory import give_back
+from sinstool.core.memory import return_freed_memory
 
 DEFAULT_LIMIT = 64 << 20
 """Bytes of all columns of a storage that are held in memory."""
@@ -66,7 +66,7 @@ class Storage:
             for each in self._parts:
                 if each not in self._files:
                     self._spill(each)
-            give_back()
+            return_freed_memory()
 
     def array(self, name: str) -> NDArray[Any]:
         """All rows of a column.

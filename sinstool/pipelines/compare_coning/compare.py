@@ -25,7 +25,7 @@ from sinstool.methods.coning.registry import algorithm
 from sinstool.pipelines.compare_coning.alias import Exposure, RateSpectrum, exposure, rate_spectrum
 from sinstool.pipelines.compare_coning.divergence import (
     IN_DEG_H,
-    Parting,
+    CandidateDivergence,
     Row,
     part,
     statistics,
@@ -269,7 +269,7 @@ def _row(
 ) -> Row:
     fed = sum(a.samples for a in made)
     cost = 1e9 * sum(a.seconds for a in made) / max(fed, 1)
-    curves: list[Parting] = []
+    curves: list[CandidateDivergence] = []
     if truths is not None:
         partings = (
             part(a, t, s.time_ns, settings.window_s)

@@ -18,7 +18,7 @@ _MOST = 1 << 19
 
 
 @dataclass(frozen=True)
-class Parting:
+class CandidateDivergence:
     """Divergence of one candidate from the reference, in the reference's own frame.
 
     Attributes
@@ -58,7 +58,7 @@ def part(
     time_ns: IntArray,
     window_s: float,
     points: int = 2000,
-) -> Parting | None:
+) -> CandidateDivergence | None:
     """Divergence at the instants that both have.
 
     Parameters
@@ -74,7 +74,7 @@ def part(
 
     Returns
     -------
-    Parting or None
+    CandidateDivergence or None
         None where they have fewer than two instants in common.
 
     Notes
@@ -103,7 +103,7 @@ def part(
     windows = np.empty_like(whole)
     _psi(candidate.q, reference.q, mine, theirs, edges, windows)
     length = np.diff(seconds[edges])
-    return Parting(
+    return CandidateDivergence(
         windows[edges[1:]] / length[:, None],
         _slopes(seconds, windows, edges),
         seconds[edges[:-1]],
@@ -251,7 +251,7 @@ class Row:
         Processor time for each sample it was fed.
     resolved : bool
         Its divergence is well above what the reference itself can be trusted to.
-    curves : tuple of Parting
+    curves : tuple of CandidateDivergence
         Per segment, for figures.
     """
 
@@ -263,7 +263,7 @@ class Row:
     largest_deg: float
     ns_per_sample: float
     resolved: bool
-    curves: tuple[Parting, ...]
+    curves: tuple[CandidateDivergence, ...]
 
 
 def statistics(window_rates: FloatArray, window_slopes: FloatArray) -> DriftStatistics:

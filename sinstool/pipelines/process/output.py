@@ -17,8 +17,8 @@ from sinstool.core.finding import Finding, exit_status
 from sinstool.core.streams import Diagnostics, Solution, Stream
 from sinstool.core.threads import executor
 from sinstool.core.whole_file import WholeFile, check_mcap_name, check_output
+from sinstool.io.readers.clock_steps import NOTHING, recorded
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.undone import NOTHING, recorded
 from sinstool.io.writers.copy import Copier
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.solution import SolutionWriter

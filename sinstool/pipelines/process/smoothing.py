@@ -11,7 +11,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import normal_gravity
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.memory import give_back
+from sinstool.core.memory import return_freed_memory
 from sinstool.core.order_statistics import median, quantile
 from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.threads import executor
@@ -158,11 +158,11 @@ class Smoothing:
             if span.duration_s >= LONG_REST_S
         )
         epochs = with_rest(stage.finish(), self._gnss_moves, spans)
-        give_back()
+        return_freed_memory()
         epochs, motion, sensors, prior = self._understood(epochs)
-        give_back()
+        return_freed_memory()
         correction = smooth(epochs, motion.model, sensors, prior)
-        give_back()
+        return_freed_memory()
         if self._magnetic is not None:
             north = self._magnetic.north(epochs, correction.at(epochs.time_ns))
             if north is not None:
@@ -175,7 +175,7 @@ class Smoothing:
         self._conclude(epochs, motion, correction)
         self._turning = steady_turning(epochs) if sensors.bias > LARGE_BIAS else 0.0
         self._unwritten.append(self._diagnostics(epochs, correction))
-        give_back()
+        return_freed_memory()
 
     def solutions(self, blocks: Iterable[Imu]) -> Iterator[Solution]:
         """Smoothed attitude at every update instant."""

@@ -224,7 +224,7 @@ def contradictions(start: FilterStart, survey: Sequence[Finding]) -> list[Findin
         *turned_by_offsets(start),
         *denied_attitude(start),
         *unexplained_velocities(start),
-        *no_such_gyros(start),
+        *impossible_gyros(start),
         *of_another_clock(survey, start),
     ]
 
@@ -332,7 +332,7 @@ def unexplained_velocities(start: FilterStart) -> list[Finding]:
     ]
 
 
-def no_such_gyros(start: FilterStart) -> list[Finding]:
+def impossible_gyros(start: FilterStart) -> list[Finding]:
     """A drift without fixes that no gyro explains, whatever its grade.
 
     Gyros whose axes or signs are wrong, or of another time, are estimated as noisy ones. The filter

@@ -125,7 +125,7 @@ class _Aiding:
         withheld = _withheld(message_times(epochs, lag), config, source.survey.first_ns)
         fixes = StartFixes.of(epochs.rows(~withheld), model)
         reference, remarks = barometer(source, config)
-        remarks = [*remarks, *_leapt(gnss)]
+        remarks = [*remarks, *_first_fix_warnings(gnss)]
         return cls(model, gnss_why, lag, epochs, withheld, fixes, reference, remarks)
 
 
@@ -161,7 +161,7 @@ def _start_as(
     return start_in_longest(source, config, best)
 
 
-def _leapt(gnss: GnssEpochs) -> list[str]:
+def _first_fix_warnings(gnss: GnssEpochs) -> list[str]:
     """Warnings about bad first fixes, of the log or after an outage."""
     texts = []
     for off, where, used in (

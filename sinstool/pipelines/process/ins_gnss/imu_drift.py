@@ -176,7 +176,7 @@ class _Windows:
         return float(np.sqrt(0.5 * mean)) if mean > chance else 1.0
 
     @property
-    def looks(self) -> float:
+    def independent_errors(self) -> float:
         """Effective number of independent errors in a window.
 
         The mean of correlated squares has the variance of the mean of so many independent ones
@@ -255,7 +255,7 @@ class Drift:
         return 1.0 if windows is None else windows.ratio
 
     @property
-    def tells(self) -> bool:
+    def conclusive(self) -> bool:
         """Whether enough windows show the noise, without a restart of the filter."""
         windows = self._as_graded
         return windows is not None and not (windows.restarts or windows.moved.sum() < LEAST_WINDOWS)
@@ -267,7 +267,7 @@ class Drift:
         other is not reduced. Nor is it if the vehicle hardly moves, or if the noise was measured.
         The factor on accelerometers is at least that of their noise at rest.
         """
-        if not self.tells:
+        if not self.conclusive:
             return NoiseFactors(self.ratio, self.ratio)
         gyro, accel, scale = likeliest(self._errors, self._weight, self._guess)
         accel = max(accel, self._white[1][0])
@@ -328,15 +328,15 @@ class Drift:
     def _cost(self, settings: Settings) -> float:
         if self._as_graded is None:
             return np.inf
-        return self._weight * cost(*self._looked(settings))
+        return self._weight * cost(*self._window_errors(settings))
 
     @property
     def _weight(self) -> float:
-        return 1.0 if self._as_graded is None else self._as_graded.looks / len(LOOKS)
+        return 1.0 if self._as_graded is None else self._as_graded.independent_errors / len(LOOKS)
 
     def _errors(self, gyro: float, accel: float, scale: float) -> tuple[FloatArray, FloatArray]:
         factors = NoiseFactors(gyro, accel, scale, self._white)
-        return self._looked(factors.of(self._start.settings, not self._estimated))
+        return self._window_errors(factors.of(self._start.settings, not self._estimated))
 
     @cached_property
     def _gnss(self) -> GnssEpochs:
@@ -368,7 +368,7 @@ class Drift:
         epochs = run.push(increments, gnss, left_out).gnss
         return take_rows(epochs, np.isfinite(epochs.innovation[:, 1])), run.summary.restarts
 
-    def _looked(self, settings: Settings) -> tuple[FloatArray, FloatArray]:
+    def _window_errors(self, settings: Settings) -> tuple[FloatArray, FloatArray]:
         """Errors at all times in `LOOKS` of the windows that count, and their sigmas."""
         windows, gnss, increments = self._as_graded, self._gnss, self._increments
         assert windows is not None and increments is not None
@@ -429,15 +429,15 @@ class Drift:
         An engine or people that shake a vehicle at rest are not noise of the Imu.
         """
         times = epochs.time_ns[begin], epochs.time_ns[end]
-        moved = self._goes(*times, LEAST_WAY)
+        moved = self._travels(*times, LEAST_WAY)
         if not self._shaken:
             return moved
         steps = np.linspace(*times, PARTS + 1).astype(np.int64)
-        goes = [self._goes(a, b, LEAST_WAY / PARTS) for a, b in pairwise(steps)]
+        goes = [self._travels(a, b, LEAST_WAY / PARTS) for a, b in pairwise(steps)]
         drives = moved & np.all(goes, axis=0)
         return drives if drives.sum() >= LEAST_DRIVEN else moved
 
-    def _goes(self, begin_ns: np.ndarray, end_ns: np.ndarray, least_m: float) -> BoolArray:
+    def _travels(self, begin_ns: np.ndarray, end_ns: np.ndarray, least_m: float) -> BoolArray:
         """Whether the vehicle moves by `least_m` plus the noise of the fixes between two times."""
         gnss = self._start.used
         late = round(self._start.settings.gnss_latency * SECOND)

@@ -42,7 +42,7 @@ LEAST_EPOCHS = 100
 SLOW = "; slow errors"
 
 
-def with_unseen(start: FilterStart) -> FilterStart:
+def with_expected_slow_errors(start: FilterStart) -> FilterStart:
     """A start with the slow errors to expect where the log hardly shows how large they are.
 
     Parameters

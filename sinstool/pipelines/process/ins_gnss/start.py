@@ -43,7 +43,10 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
     with_measured_noise,
     with_white_velocity,
 )
-from sinstool.pipelines.process.ins_gnss.slow_errors import with_slow_errors, with_unseen
+from sinstool.pipelines.process.ins_gnss.slow_errors import (
+    with_expected_slow_errors,
+    with_slow_errors,
+)
 from sinstool.pipelines.process.ins_gnss.timing import white_noise, with_offsets
 from sinstool.survey.grade import ImuGrade, to_align_as
 from sinstool.survey.noise_in_motion import walks_in_motion
@@ -80,7 +83,7 @@ def timed_start(
         start = _wandering(source, config, algorithm, start)
     start = with_likeliest(source, config, algorithm, start, start.by_the_fixes)
     # Contradictions are judged without allowing for what does not show
-    start = with_unseen(compare_with_log(source, config, algorithm, start))
+    start = with_expected_slow_errors(compare_with_log(source, config, algorithm, start))
     source.samples.made.clear()
     start = replace(start, warnings=(*_warnings(start), *start.warnings))
     log_choice(
@@ -312,7 +315,7 @@ def _as_quiet_as_in_motion(
         )
         quieter = replace(start, settings=replace(start.settings, imu=quiet))
         drift = Drift(source, config, algorithm, quieter.by_the_fixes)
-        if drift.tells:
+        if drift.conclusive:
             return quieter, drift
     return start, Drift(source, config, algorithm, start.by_the_fixes)
 

@@ -150,7 +150,7 @@ def with_offsets(
 
     used, offsets, agrees = settle(evaluate, assumed)
     at_first = tried[0][1].square if tried else 0.0
-    if _doubtful(tried) or _went_along(made):
+    if _doubtful(tried) or _followed_assumption(made):
         least = tried[-1][1].misfit
         tried.clear()
         other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
@@ -242,7 +242,7 @@ def _doubtful(tried: list[tuple[float, ReceiverOffsets]]) -> bool:
     return False
 
 
-def _went_along(made: list[tuple[float, ReceiverOffsets]]) -> bool:
+def _followed_assumption(made: list[tuple[float, ReceiverOffsets]]) -> bool:
     """Whether estimates followed the latencies, s, about which they were made.
 
     A gate that rejects the fixes that contradict a wrong latency confirms any latency: each

@@ -97,7 +97,7 @@ def latency_of_whole_log(
     if start.latency_status == "given" or shown is None or not joined:
         return None
     begin_ns, end_ns = int(joined[0].time_ns[0]), int(joined[-1].time_ns[-1])
-    if end_ns - begin_ns < LONGER * FIRST_NS and not shown.clock.hinted:
+    if end_ns - begin_ns < LONGER * FIRST_NS and not shown.clock.worth_repeating:
         return None
     # Root mean square, over the log, of the change of latency by a usual rate of clocks
     changes = USUAL_RATE * (end_ns - begin_ns) / SECOND / np.sqrt(12.0)
@@ -150,7 +150,7 @@ def _clock_rate(about: Callable[[ClockRate, float], ReceiverOffsets | None]) -> 
         `STEADY` if the log shows none.
     """
     shown = about(STEADY, 1.0)
-    if shown is None or not shown.clock.hinted:
+    if shown is None or not shown.clock.worth_repeating:
         return STEADY
     clock = STEADY
     far = abs(shown.clock.rate) * shown.clock.span_s > FAR_S
@@ -161,7 +161,7 @@ def _clock_rate(about: Callable[[ClockRate, float], ReceiverOffsets | None]) -> 
                 return STEADY
             # The last one is within its sigma, which is that of the sum
             clock = clock.plus(shown.clock)
-            if not shown.clock.hinted:
+            if not shown.clock.worth_repeating:
                 break
     return clock if clock.significant else STEADY
 

@@ -134,7 +134,7 @@ def windows(ratio, count=40, moved=None, restarts=0, seed=0):
 def test_runs_for_the_looks_alone_agree_with_those_that_compare_all(industrial):
     """Fixes that are compared only change nothing but where substeps end."""
     start, drift = drift_of(industrial, **GROUPS)
-    error, sigma = drift._looked(start.settings)
+    error, sigma = drift._window_errors(start.settings)
     moved = drift._as_graded.moved
     assert np.isfinite(error).all() and len(error) == np.count_nonzero(moved)
     assert sigma == pytest.approx(drift._as_graded.sigma[moved], rel=0.02)

@@ -456,7 +456,7 @@ def test_an_antenna_on_a_vehicle_that_an_engine_shakes_is_where_it_is(tmp_path, 
 def test_estimates_that_go_where_they_are_led_are_doubted(estimates, along):
     """Each next to the latency before, as a gate had left out what contradicts: 0.2 s was true."""
     made = [(about, offsets_at(latency, 0.003)) for about, latency in estimates]
-    assert timing._went_along(made) == along
+    assert timing._followed_assumption(made) == along
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from sinstool.core.streams import Gnss, Stream, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.io.messages.decode import Decoder
+from sinstool.io.readers.clock_steps import ChannelClocks, ClockSteps
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import (
     FIX_TYPES,
@@ -36,7 +37,6 @@ from sinstool.io.readers.message_types import (
 from sinstool.io.readers.streams import Losses, header, read_fixes, stamp
 from sinstool.io.readers.topics import OWN_PREFIXES, ImuTopic
 from sinstool.io.readers.truth import PATHS
-from sinstool.io.readers.undone import ChannelClocks, Undone
 from sinstool.survey.clock_steps import (
     ALIKE,
     LEAST_NS,
@@ -48,8 +48,8 @@ from sinstool.survey.clock_steps import (
     even_level,
     leaps,
     move,
-    of_one_pace,
     recorder_steps,
+    same_pace,
     stamp_steps,
     whole_size,
 )
@@ -133,7 +133,7 @@ def _leaps_somewhere(parts: Sequence[IntArray]) -> bool:
     return False
 
 
-def set_right(log: Log, topic: ImuTopic) -> tuple[Finding, ...]:
+def remove_clock_steps(log: Log, topic: ImuTopic) -> tuple[Finding, ...]:
     """Look for steps of clocks, and have the log read without them.
 
     Parameters
@@ -164,7 +164,7 @@ def set_right(log: Log, topic: ImuTopic) -> tuple[Finding, ...]:
         found.append((right, "the clock of the recording computer", what, severity))
     for step, *_ in found:
         edge = int(imu.log_ns[step.row - 1] + imu.log_ns[step.row]) // 2
-        log.recorder = log.recorder.and_also(edge, step.size_ns, step.from_there)
+        log.recorder = log.recorder.with_step(edge, step.size_ns, step.from_there)
     for step in stamp_steps(imu.stamp_ns, imu.log_ns):
         _undo(log, imu, step, step.row, None)
         found.append((step, f"the clock that stamps {imu.topic}", "stamps", Severity.WARNING))
@@ -265,25 +265,25 @@ def _forward(log: Log, imu: _Times, others: Sequence[_Times]) -> Iterator[Step]:
         leap, delay = even_level(imu.log_ns, row), delay_level(imu.stamp_ns, imu.log_ns, row)
         if leap is None or delay is None or leap.rise < LEAST_NS or not leap.sure:
             continue
-        if not of_one_pace(imu.stamp_ns, imu.log_ns, row):
+        if not same_pace(imu.stamp_ns, imu.log_ns, row):
             continue
         size, place = leap.rise, int(imu.place[row])
         together = _is(delay, 0.0, size)
         if not together and not _is(delay, size, size):
             continue
         expected = (size, 0.0) if together else (0.0, size)
-        apart = any(_parted(other, other.row(place), expected, size) for other in others)
+        apart = any(_delays_rise(other, other.row(place), expected, size) for other in others)
         if apart or (together and _stood_still(log, others, place, size)):
             yield Step(row, round(size))
 
 
-def _parted(other: _Times, row: int, expected: tuple[float, float], size: float) -> bool:
+def _delays_rise(other: _Times, row: int, expected: tuple[float, float], size: float) -> bool:
     """Whether delays of a topic, and its stamps, rise by so much each before a row."""
     late = delay_level(other.stamp_ns, other.log_ns, row)
     even = even_level(other.stamp_ns, row)
     if late is None or even is None:
         return False
-    if expected[0] and not of_one_pace(other.stamp_ns, other.log_ns, row):
+    if expected[0] and not same_pace(other.stamp_ns, other.log_ns, row):
         return False
     return _is(late, expected[0], size) and _is(even, expected[1], size)
 
@@ -408,12 +408,12 @@ def _undo(log: Log, times: _Times, step: Step, stamped: int | None, logged: int 
             move(time_ns, step, row)
     for channel in np.unique(times.channel).tolist():
 
-        def undone(so_far: Undone, row: int | None, number: int = channel) -> Undone:
+        def undone(so_far: ClockSteps, row: int | None, number: int = channel) -> ClockSteps:
             if row is None:
                 return so_far
             before = times.number[:row][times.channel[:row] == number]
             first = int(before[-1]) + 1 if len(before) else 0
-            return so_far.and_also(first, step.size_ns, step.from_there)
+            return so_far.with_step(first, step.size_ns, step.from_there)
 
         clocks = log.clocks.get(channel, NO_STEPS)
         log.clocks[channel] = ChannelClocks(

@@ -9,7 +9,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.timeline import sorted_stream
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
-from sinstool.survey.set_right import _forward, _Times, may_have_stepped
+from sinstool.survey.clock_correction import _forward, _Times, may_have_stepped
 from sinstool.survey.source import prepare
 from tests.helpers.imulogs import (
     IMU,

@@ -17,7 +17,7 @@ NONE = np.zeros(0, np.int64)
 
 
 @dataclass(frozen=True)
-class Undone:
+class ClockSteps:
     """Steps of one clock, by the messages of a channel.
 
     Attributes
@@ -34,10 +34,10 @@ class Undone:
     size_ns: IntArray = field(default_factory=lambda: NONE)
     whole_ns: int = 0
 
-    def and_also(self, row: int, size_ns: int, from_there: bool) -> Undone:
+    def with_step(self, row: int, size_ns: int, from_there: bool) -> ClockSteps:
         """With one more step; times from there on are moved, or those before."""
         at = int(np.searchsorted(self.row, row))
-        return Undone(
+        return ClockSteps(
             np.insert(self.row, at, row),
             np.insert(self.size_ns, at, size_ns),
             self.whole_ns - (size_ns if from_there else 0),
@@ -49,23 +49,23 @@ class Undone:
         return np.append(np.cumsum(self.size_ns[::-1])[::-1], 0)[behind] + self.whole_ns
 
 
-NOTHING = Undone()
+NOTHING = ClockSteps()
 
 
 @dataclass(frozen=True)
 class ChannelClocks:
     """Steps of the clocks that stamp and that record the messages of a channel."""
 
-    stamp: Undone = NOTHING
-    log: Undone = NOTHING
+    stamp: ClockSteps = NOTHING
+    log: ClockSteps = NOTHING
 
 
-def recorded(log: Undone, log_time_ns: IntArray) -> IntArray:
+def recorded(log: ClockSteps, log_time_ns: IntArray) -> IntArray:
     """Log times as they are in the file, of those as they are read.
 
     Parameters
     ----------
-    log : Undone
+    log : ClockSteps
         With log times, as they are read, in place of numbers of messages.
     """
     return np.asarray(log_time_ns - log.moves(log_time_ns))
