@@ -72,7 +72,7 @@ class Reference:
     settle_s : float
         Until the reference is sound.
     axes : {'flu', 'frd'}
-        Of the log's Imu.
+        Of the log's IMU.
     world : {'flu', 'frd'}
         Of the reference: FLU in a world with z up, or FRD in NED.
     mounted : bool
@@ -132,7 +132,7 @@ VEHICLES = (
 
 
 def samples(path: Path, config: ProcessConfig) -> Imu:
-    """All samples of the log's Imu, by time, FRD."""
+    """All samples of the log's IMU, by time, FRD."""
     with open_log(path) as log:
         source = prepare(log, config)
         return concatenate(list(imu_blocks(source, source.survey.first_ns)))

@@ -18,7 +18,7 @@ MISSING_S = 0.1
 
 
 def make(path: Path, minutes: float, gaps: int) -> None:
-    """A log of :func:`benchmarks.one_hour.streams` with gaps in its Imu."""
+    """A log of :func:`benchmarks.one_hour.streams` with gaps in its IMU."""
     import numpy as np
 
     parts = streams(minutes)

@@ -1,7 +1,7 @@
 """Public recordings as MCAP logs, so that the other programs can be run on more of them.
 
-From the folder of a clone: the trials of BROAD (dlaidig/broad, `data_mat/*.mat`: Imu, magnetometer,
-optical reference) and the drives of yongkyuns/imu_gnss_fusion (`web/datasets/*`: Imu, GNSS). What a
+From the folder of a clone: the trials of BROAD (dlaidig/broad, `data_mat/*.mat`: IMU, magnetometer,
+optical reference) and the drives of yongkyuns/imu_gnss_fusion (`web/datasets/*`: IMU, GNSS). What a
 clone lacks, or holds as a pointer to a large file, is left out. Then
 
 python benchmarks/convert_recordings.py --broad ../broad --drives ../imu_gnss_fusion --out ../more
@@ -52,7 +52,7 @@ def vector(values: FloatArray) -> dict[str, float]:
 
 
 def imu(times: list[int], gyro: FloatArray, accel: FloatArray) -> Iterator[Timed]:
-    """Messages of an Imu without an orientation."""
+    """Messages of an IMU without an orientation."""
     for time, omega, force in zip(times, gyro, accel, strict=True):
         message = {
             "header": header(time, "imu_link"),

@@ -2,7 +2,7 @@
 
 Each seed makes a trajectory by another program (`pyins.sim`: a drive, a smooth or a turbulent
 flight), sensors of a random grade, a receiver of a random rate, noise and latency, with faults
-(gaps of the Imu, outages, outliers, a receiver that hangs, one that claims too much) and
+(gaps of the IMU, outages, outliers, a receiver that hangs, one that claims too much) and
 with settings that are wrong (grade, lever arm, latency, share of lasting noise), or with --right
 none of them. The log goes through the whole command. A *miss* is a log whose solution ends beyond
 10 of its own sigmas and beyond 100 m from the truth with exit status 0.
@@ -172,7 +172,7 @@ def faulty(random: np.random.Generator, data: Record) -> tuple[list[str], Record
         length = float(10.0 ** random.uniform(0.0, 2.1))
         begin = random.uniform(60.0, max(70.0, last - 60.0 - length))
         data = without_samples(data, begin, length)
-        texts.append(f"Imu gap {begin:.0f}+{length:.1f} s")
+        texts.append(f"IMU gap {begin:.0f}+{length:.1f} s")
     if random.random() < 0.3:
         length = random.uniform(10.0, 120.0)
         begin = random.uniform(60.0, max(70.0, last - 60.0 - length))
@@ -195,7 +195,7 @@ def faulty(random: np.random.Generator, data: Record) -> tuple[list[str], Record
 
 
 def mounted(random: np.random.Generator, truth: Motion) -> tuple[list[str], Motion, np.ndarray]:
-    """An Imu that is mounted any way, and the antenna's place in its axes."""
+    """An IMU that is mounted any way, and the antenna's place in its axes."""
     if random.random() < 0.6:
         return [], truth, LEVER
     mount = any_mount(random)

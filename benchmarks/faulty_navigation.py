@@ -74,7 +74,7 @@ class Fault:
 
 def gap(length: float) -> Fault:
     return Fault(
-        f"gap of the Imu, {length:g} s",
+        f"gap of the IMU, {length:g} s",
         length,
         lambda data, seed: without_samples(data, BEGIN, length),
     )

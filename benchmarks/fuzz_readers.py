@@ -4,7 +4,7 @@
 
 Logs of each format (MCAP; ROS 1 bag; ROS 2 .db3 and folder) are damaged by flipped bits, cuts,
 splices, hostile sizes, and by changes behind compression and checksums, in definitions, metadata
-and attachments too; half are opened with salvage. Imu topics are decoded; of every tenth input all
+and attachments too; half are opened with salvage. IMU topics are decoded; of every tenth input all
 is done that `info` does. Configurations, noise files and calibrations are damaged word by word;
 one that is accepted must say the same when it is written and read again. Each input must be read,
 or refused by an error of sinstool's own, in less than 5 s of CPU and 500 MB (peak of the whole
@@ -42,7 +42,7 @@ FINE = ("read", "refused")
 
 
 def read_everything(path: Path, salvage: bool, info: bool) -> int:
-    """Read all of a log: raw, its Imu topics as streams; with `info` all else as `info` does.
+    """Read all of a log: raw, its IMU topics as streams; with `info` all else as `info` does.
 
     Returns the number of messages. Fails where a batch points outside its buffer.
     """

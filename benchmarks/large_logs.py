@@ -57,7 +57,7 @@ def a_large_chunk(path: Path) -> None:
 
 
 def _large_message(path: Path, chunked: bool) -> None:
-    """A minute of Imu, and half-way a point cloud of 1 GB that hardly compresses."""
+    """A minute of IMU, and half-way a point cloud of 1 GB that hardly compresses."""
     import numpy as np
 
     blocks = np.random.default_rng(1).integers(0, 256, 2**20, np.uint8).tobytes()
@@ -66,7 +66,7 @@ def _large_message(path: Path, chunked: bool) -> None:
 
 
 def many_topics(path: Path) -> None:
-    """A minute of Imu, and ten thousand topics with two messages each."""
+    """A minute of IMU, and ten thousand topics with two messages each."""
     _with_imu(
         path, {f"/robot/{k}/state": [b"\x00\x01\x00\x00" + bytes(60)] * 2 for k in range(10_000)}
     )

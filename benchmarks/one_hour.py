@@ -287,7 +287,7 @@ def _imu_blocks(path: Path) -> Iterator[tuple[Any, ...]]:
 
 
 def read_whole(path: Path, watch: Stopwatch) -> int:
-    """Every Imu column of the hour in one array."""
+    """Every IMU column of the hour in one array."""
     import numpy as np
 
     from sinstool.io.readers import open_log
@@ -386,8 +386,8 @@ def _payloads(path: Path) -> Iterator[tuple[list[bytes], list[bytes], list[int]]
 
 Method = Callable[[Path, Stopwatch], int]
 OURS: dict[str, Method] = {
-    "sinstool: Imu columns, one array each": read_whole,
-    "sinstool: Imu columns, in blocks": read_blocks,
+    "sinstool: IMU columns, one array each": read_whole,
+    "sinstool: IMU columns, in blocks": read_blocks,
 }
 PROCESS: dict[str, tuple[str, ...]] = {
     "sinstool process (whole command)": (),
@@ -396,7 +396,7 @@ PROCESS: dict[str, tuple[str, ...]] = {
 BASE = "mcap: iterate over all, undecoded"
 STOCK: dict[str, Method] = {
     BASE: mcap_iteration,
-    "rosbags: deserialise the Imu topic": rosbags_deserialise,
+    "rosbags: deserialise the IMU topic": rosbags_deserialise,
     "mcap: write as many as process adds": mcap_writer,
 }
 

@@ -58,7 +58,7 @@ UNIT = 1e-12
 
 
 class Sensors:
-    """Imu samples as columns that can be spoilt, and the other topics' messages."""
+    """IMU samples as columns that can be spoilt, and the other topics' messages."""
 
     def __init__(self, stamp: Any, log: Any, gyro: Any, accel: Any, others: list[Message]) -> None:
         self.stamp, self.log = stamp.copy(), log.copy()
@@ -357,9 +357,9 @@ def check(log: Path, out: Path, summary: dict[str, Any]) -> list[str]:
         if topic == "/sinstool/diagnostics":
             continue  # of epochs, not of samples
         if invented := set(own) - stamps:
-            wrong.append(f"{topic}: {len(invented)} stamps are no Imu's, as {min(invented)}")
+            wrong.append(f"{topic}: {len(invented)} stamps are no IMU's, as {min(invented)}")
         if invented := set(at.tolist()) - logged:
-            wrong.append(f"{topic}: {len(invented)} log times are no Imu's")
+            wrong.append(f"{topic}: {len(invented)} log times are no IMU's")
         if len(set(own)) < len(own):
             wrong.append(f"{topic}: stamps repeat")
     if "/sinstool/attitude" not in topics:

@@ -285,14 +285,14 @@ def imu_only(
     frame: str = "imu_link",
     right: bool = False,
 ) -> Made:
-    """A car that moves from the first sample on, of which the log has no more than the Imu.
+    """A car that moves from the first sample on, of which the log has no more than the IMU.
 
     Parameters
     ----------
     order : sequence of int
         Of the numbers of its orientations; without it they are placeholders.
     frame : str
-        The name of the Imu's.
+        The name of the IMU's.
     right : bool
         Its axes are Forward-Right-Down.
     """

@@ -114,7 +114,7 @@ def finished(
     path: Path, seen: Instruments, data: Record, more: Sequence = (), what: str = "",
     wants: Callable[[Result], str] = navigates, **options: Any,
 ) -> Made:  # fmt: skip
-    """The log of a record, at the rate of its Imu."""
+    """The log of a record, at the rate of its IMU."""
     log = write(path / "log.mcap", slower(data, seen.every), more)
     text = f"{seen}, {data.truth.seconds[-1]:.0f} s" + (f", {what}" if what else "")
     return Made(log, text, data.truth, {**KNOWN, **options}, wants)

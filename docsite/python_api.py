@@ -55,7 +55,7 @@ def _entry(name: str) -> Iterator[str]:
 
 
 def _members(kind: type) -> Iterator[tuple[str, Any]]:
-    """Public methods and properties; those of all streams are described once, with Imu."""
+    """Public methods and properties; those of all streams are described once, with IMU."""
     bases = kind.__mro__[:-1] if kind is sinstool.Imu else (kind,)
     for base in reversed(bases):
         if base.__module__.startswith("sinstool."):

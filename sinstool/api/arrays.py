@@ -202,10 +202,10 @@ def _check(imu: Imu) -> None:
             "give columns: log.imu(), or sinstool.Imu.of(...)",
         )
     if len(imu) < 2:
-        raise ConfigurationError(f"there are {len(imu)} Imu samples", "give at least two")
+        raise ConfigurationError(f"there are {len(imu)} IMU samples", "give at least two")
     if not (np.diff(imu.time_ns) > 0).all():
         raise ConfigurationError(
-            "the Imu samples are not in time order, or two have the same time",
+            "the IMU samples are not in time order, or two have the same time",
             "sort them by time_ns, and leave repeated ones out",
         )
 

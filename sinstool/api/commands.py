@@ -39,7 +39,7 @@ def survey(
     Returns
     -------
     Inspection
-        ``topics``, ``imu`` (a survey of each Imu topic: rate, gaps, still stretches), ``findings``,
+        ``topics``, ``imu`` (a survey of each IMU topic: rate, gaps, still stretches), ``findings``,
         ``plan`` (mode, first attitude, coning, each with its reason), ``to_json()``.
 
     Raises
@@ -129,7 +129,7 @@ def _only_with_columns(gnss: GnssEpochs | None) -> None:
 
     if gnss is not None:
         raise ConfigurationError(
-            "GNSS columns can be given with Imu columns only, not with a log", "leave gnss out"
+            "GNSS columns can be given with IMU columns only, not with a log", "leave gnss out"
         )
 
 

@@ -97,7 +97,7 @@ class Log:
         return tuple(by_name[name] for name in sorted(by_name))
 
     def imu(self, topic: str | None = None) -> Imu:
-        """Samples of an Imu topic.
+        """Samples of an IMU topic.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ class Log:
         Parameters
         ----------
         topic : str, optional
-            By default the one that belongs to the Imu.
+            By default the one that belongs to the IMU.
 
         Returns
         -------
@@ -273,7 +273,7 @@ class Log:
         return configured("open_log", INPUT, {**self.options, **chosen})
 
     def _source(self, topic: str | None, config: ProcessConfig) -> Source:
-        """The survey of an Imu topic, made once."""
+        """The survey of an IMU topic, made once."""
         from sinstool.survey.source import prepare
 
         if topic not in self._sources:
@@ -281,7 +281,7 @@ class Log:
         return self._sources[topic]
 
     def _log_time(self) -> bool:
-        """Whether the recorder's times are used in place of stamps, as the Imu shows."""
+        """Whether the recorder's times are used in place of stamps, as the IMU shows."""
         try:
             source = self._source(None, self._config())
         except (TopicError, DataError):

@@ -63,7 +63,7 @@ class Simulated:
 
     @property
     def truth(self) -> Solution:
-        """The true motion at the samples of the Imu: ``q_nb``, and where it moves over the Earth
+        """The true motion at the samples of the IMU: ``q_nb``, and where it moves over the Earth
         ``position`` and ``velocity_n``.
 
         Raises

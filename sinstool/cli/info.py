@@ -22,7 +22,7 @@ from sinstool.cli.help import Command
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import INFO_OPTIONS, ProcessConfig
 
-HEADER = ("duration s", "Imu samples", "Hz", "gaps", "mode", "first attitude", "findings")
+HEADER = ("duration s", "IMU samples", "Hz", "gaps", "mode", "first attitude", "findings")
 
 
 @click.command("info", cls=Command, first=("report", "overwrite"), epilog=EXIT_HELP)
@@ -155,7 +155,7 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _taken(row: dict[str, Any]) -> dict[str, Any] | None:
-    """The Imu topic that `process` would use, else the first one with a known rate."""
+    """The IMU topic that `process` would use, else the first one with a known rate."""
     usable = [imu for imu in row["imu"] if "rate_hz" in imu]
     same = [imu for imu in usable if imu["topic"] == row["process"]["imu_topic"]]
     return next(iter(same or usable), None)

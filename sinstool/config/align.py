@@ -27,7 +27,7 @@ class AlignOptions(Group):
         "how the first attitude is found. At rest: level (tilt from gravity, heading 0) or"
         " gyrocompass (heading from the Earth's rotation too). In motion, from GNSS velocity: svd,"
         " quest, davenport (solvers of Wahba's problem) or triad. log: the first valid orientation"
-        " in the Imu topic. fixed: --initial-attitude. auto: gyrocompass where the gyro is good"
+        " in the IMU topic. fixed: --initial-attitude. auto: gyrocompass where the gyro is good"
         " enough to see north, otherwise svd where GNSS velocity shows heading, otherwise level,"
         " otherwise log, otherwise tilt from the first second; --mode ins-gnss: svd",
         "METHOD",

@@ -38,7 +38,7 @@ class NavigationOptions(Group):
     magnetometer: str | None = option(
         None,
         "topic with MagneticField messages, which give a smoothed attitude its heading, or none"
-        " (default: the only one in the log or the one beside the Imu, unless heading already"
+        " (default: the only one in the log or the one beside the IMU, unless heading already"
         " refers to north)",
         "TOPIC",
         brief="topic with the magnetic field, or none",

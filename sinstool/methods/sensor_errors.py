@@ -22,7 +22,7 @@ LOW_COST: tuple[Grade, ...] = ("consumer", "mems")
 # have 0.001 to 0.005 deg/sqrt(h), tactical ones 0.02 to 0.1, MEMS 0.15 and more.
 _NAVIGATION_WALK = 0.01 * units.DEGREE_PER_ROOT_HOUR
 _TACTICAL_WALK = 0.12 * units.DEGREE_PER_ROOT_HOUR
-# Low-cost Imus are calibrated, or are not. One sigma of the bias of a gyro axis, rad/s: data sheets
+# Low-cost IMUs are calibrated, or are not. One sigma of the bias of a gyro axis, rad/s: data sheets
 # of parts for telephones allow 1 to 20 deg/s.
 CALIBRATED, UNCALIBRATED = 0.0035, 0.0175
 # A bias, as the length of a vector, is seldom more than so many sigmas of one of its axes.
@@ -203,7 +203,7 @@ UNCALIBRATED_BY = IMU_GRADES["consumer"].gyro_misalignment / IMU_GRADES["mems"].
 
 
 def partly_calibrated(calibrated: SensorGrade, bare: SensorGrade, share: float) -> SensorGrade:
-    """Errors between those of a calibrated Imu, share 0, and of a bare chip, share 1.
+    """Errors between those of a calibrated IMU, share 0, and of a bare chip, share 1.
 
     Each by its logarithm; the noise is that of the former.
     """
@@ -215,7 +215,7 @@ def partly_calibrated(calibrated: SensorGrade, bare: SensorGrade, share: float) 
 
 
 def log_odds_uncalibrated(gyro_bias: FloatArray) -> float:
-    """Log of the odds that a low-cost Imu is not calibrated, 0 before a bias is known.
+    """Log of the odds that a low-cost IMU is not calibrated, 0 before a bias is known.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def log_odds_uncalibrated(gyro_bias: FloatArray) -> float:
 
 
 def uncalibrated(gyro_bias: FloatArray) -> float:
-    """Probability that a low-cost Imu is not calibrated: see :func:`log_odds_uncalibrated`."""
+    """Probability that a low-cost IMU is not calibrated: see :func:`log_odds_uncalibrated`."""
     odds = exp(log_odds_uncalibrated(gyro_bias))
     return odds / (1.0 + odds)
 

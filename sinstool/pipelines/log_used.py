@@ -1,4 +1,4 @@
-"""The log in results: the file, the time span of its Imu, its losses."""
+"""The log in results: the file, the time span of its IMU, its losses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class LogFile:
 
 @dataclass(frozen=True)
 class ImuTime:
-    """Samples of an Imu topic.
+    """Samples of an IMU topic.
 
     Attributes
     ----------

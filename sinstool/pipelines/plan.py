@@ -48,7 +48,7 @@ NO_SOLUTION = "attitude only, as no INS/GNSS solution can be started: "
 NO_NORTH = "nothing shows north"
 # A log that is shorter holds nothing to smooth.
 SHORTEST_S = 3.0
-LABELS = {"imu_topic": "Imu topic", "imu_grade": "IMU grade", "imu_noise": "IMU noise"}
+LABELS = {"imu_topic": "IMU topic", "imu_grade": "IMU grade", "imu_noise": "IMU noise"}
 
 
 @dataclass(frozen=True)
@@ -283,7 +283,7 @@ def _mode(
             why, answer = exc.message.removeprefix(f"{source.path}: "), exc.hint
             if isinstance(exc, AlignmentError) and exc.uncertain and not exc.consistent:
                 # Of axes or signs that are wrong the attitude has as much as the fixes
-                why += "; fixes and Imu contradict each other: do not trust the attitude"
+                why += "; fixes and IMU contradict each other: do not trust the attitude"
                 severity = Severity.LOST
         else:
             reason = "as the log has GNSS fixes, and they show where it starts"
@@ -465,7 +465,7 @@ def _why(alignment: Alignment, source: Source) -> str:
     if rest:
         return f"as {rest} and {NO_NORTH}"
     if alignment.method == "log":
-        return "as the log does not begin at rest and its Imu topic holds orientations"
+        return "as the log does not begin at rest and its IMU topic holds orientations"
     return "as the log neither begins at rest nor holds orientations: tilt from its first second"
 
 

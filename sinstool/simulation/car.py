@@ -1,4 +1,4 @@
-"""A simulated car: its sliding, the place of the Imu, and the motion of its rear axle.
+"""A simulated car: its sliding, the place of the IMU, and the motion of its rear axle.
 
 Vehicle axes ``v`` are FRD at the middle of the rear axle, which slides only as given
 here: its velocity to the right is ``-kappa V^2 r + s``, of forward speed V, yaw rate r and a slow
@@ -33,15 +33,15 @@ _WAVES = ((np.deg2rad(2.0), 9.0), (np.deg2rad(0.8), 7.0), (0.3, 8.0))
 
 @dataclass(frozen=True)
 class Car:
-    """A car and the Imu in it.
+    """A car and the IMU in it.
 
     Attributes
     ----------
     mount : tuple of float
-        Roll, pitch and yaw of the Imu's axes in the vehicle's, rad: ``C_vb`` follows from them as
+        Roll, pitch and yaw of the IMU's axes in the vehicle's, rad: ``C_vb`` follows from them as
         ``C_nb`` from roll, pitch and heading.
     axle_lever : float
-        Distance of the Imu ahead of the rear axle, m. The axle follows the road.
+        Distance of the IMU ahead of the rear axle, m. The axle follows the road.
     sideslip : float
         kappa, angle of slip outward for each m/s^2 of centripetal acceleration, rad/(m/s^2).
     slip : float
@@ -204,12 +204,12 @@ class AxleMotion:
 
 
 def axle_motion(trajectory: Trajectory, car: Car, time_ns: ArrayLike) -> AxleMotion:
-    """Truth of the vehicle, from that of the Imu in it.
+    """Truth of the vehicle, from that of the IMU in it.
 
     Parameters
     ----------
     trajectory : Trajectory
-        Of the Imu.
+        Of the IMU.
     time_ns : array_like of int64, shape (n,)
         Within the trajectory.
     """

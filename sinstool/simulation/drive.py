@@ -54,12 +54,12 @@ def road_drive(
     start_ns : int, optional
         First instant.
     car : Car, optional
-        How the car slides and where the Imu is in it; by default the Imu itself follows the road.
+        How the car slides and where the IMU is in it; by default the IMU itself follows the road.
 
     Returns
     -------
     Trajectory
-        Trajectory of the Imu, in its own axes. Speeds along the car's axis are up to 17 m/s; turns,
+        Trajectory of the IMU, in its own axes. Speeds along the car's axis are up to 17 m/s; turns,
         at 5 m/s, are 68 to 190 degrees each; stops last 5 to 20 s, at exactly zero speed; slopes
         are up to 5 degrees. On its suspension the body pitches and rolls by 0.2 degrees and heaves
         by some millimetres at 2 to 4 Hz, in proportion to speed, and it leans outward in turns.

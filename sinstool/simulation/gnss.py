@@ -141,11 +141,11 @@ class Receiver:
     rate_hz : float
         Fixes per second.
     offset_s : float
-        From the trajectory's first instant to the first stamp; stamps may lie between Imu samples.
+        From the trajectory's first instant to the first stamp; stamps may lie between IMU samples.
     latency_s : float
         From the time at which a fix is valid to its stamp.
     lever_arm_b : tuple of float
-        From the Imu to the antenna, FRD, m.
+        From the IMU to the antenna, FRD, m.
     errors : GnssErrors
         Noise.
     faults : GnssFaults

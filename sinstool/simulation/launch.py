@@ -121,7 +121,7 @@ def launch(
     Parameters
     ----------
     rate_hz : float, optional
-        Imu samples per second.
+        IMU samples per second.
     duration_s : float, optional
         Time from lift-off to the end, s; the profile ends at 260 s.
     latitude, longitude, height : float, optional

@@ -48,7 +48,7 @@ from sinstool.simulation.wheels import WheelSensor, wheel_readings, wheel_topic
 
 SCHEMA = "sinstool.simulate/1"
 START_NS = 1_700_000_000_000_000_000
-# Seeds of one log's receiver, barometer, wheels and engine, apart from that of its Imu
+# Seeds of one log's receiver, barometer, wheels and engine, apart from that of its IMU
 GNSS_SEED, BARO_SEED, WHEEL_SEED, IDLE_SEED = 1000, 2000, 4000, 5000
 
 
@@ -335,7 +335,7 @@ def _car(s: scenarios.Car) -> Car:
 
 
 def _car_topics(s: scenarios.Drive, trajectory: Trajectory) -> list[SimulatedTopic]:
-    """The wheels, and the truth of the car where it differs from that of its Imu."""
+    """The wheels, and the truth of the car where it differs from that of its IMU."""
     car = _car(s)
     topics = []
     if s.truth and (car != Car() or s.wheels != "none"):

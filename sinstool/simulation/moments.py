@@ -55,7 +55,7 @@ def moments(
     time_ns : array_like of int64, shape (m,)
         Within those of the trajectory, in any order.
     lever_arm_b : array_like, shape (3,), optional
-        From the Imu to the point, FRD, m.
+        From the IMU to the point, FRD, m.
 
     Raises
     ------

@@ -52,7 +52,7 @@ def _part(on: bool, what: str) -> Any:
 
 
 class MotionScenario(Scenario):
-    """A log of an Imu that moves or rests.
+    """A log of an IMU that moves or rests.
 
     Sensors of a grade always have white noise and constant biases. The other errors of the grade
     are on by default for a vehicle. They are off for a rotation about a point, which is there to
@@ -61,10 +61,10 @@ class MotionScenario(Scenario):
 
     duration: float = _duration(60.0)
     gyro_kind: Literal["rate", "mean-rate", "increment"] = option(
-        "rate", "what a gyro sample of the Imu topic is"
+        "rate", "what a gyro sample of the IMU topic is"
     )
     body_axes: Literal["flu", "frd"] = option(
-        "flu", "axes of the Imu topic; the truth's world is ENU for flu, NED for frd"
+        "flu", "axes of the IMU topic; the truth's world is ENU for flu, NED for frd"
     )
     grade: Literal["perfect", "navigation", "tactical", "mems", "consumer"] = option(
         "perfect", "grade of the sensors, which sets their errors"
@@ -185,9 +185,9 @@ class Vehicle(MotionScenario):
     gnss_rate: float = _per_second(1.0, "fixes")
     gnss_model: Literal["perfect", "launch", "coloured"] = _receiver("coloured")
     gnss_latency: float = option(0.0, "age of a fix at its time stamp, in s", "S")
-    gnss_offset: float = option(0.0, "time from the first Imu sample to the first fix, in s", "S")
+    gnss_offset: float = option(0.0, "time from the first IMU sample to the first fix, in s", "S")
     lever_arm: tuple[float, float, float] = option(
-        (0.0, 0.0, 0.0), "from the Imu to the antenna, in m, FRD", "X,Y,Z"
+        (0.0, 0.0, 0.0), "from the IMU to the antenna, in m, FRD", "X,Y,Z"
     )
     gnss_outage: tuple[str, ...] = option(
         (), "span without fixes, in s from the start; repeatable", "START:END"
@@ -238,15 +238,15 @@ class ManoeuvringFlight(Vehicle):
 
 
 class Car(Group):
-    """Slip of a car, place of the Imu in it, and its wheels; ideal by default."""
+    """Slip of a car, place of the IMU in it, and its wheels; ideal by default."""
 
     mount: tuple[float, float, float] = option(
         (0.0, 0.0, 0.0),
-        "attitude of the Imu in the vehicle, in degrees: FRD axes, turned by yaw, pitch, roll",
+        "attitude of the IMU in the vehicle, in degrees: FRD axes, turned by yaw, pitch, roll",
         "ROLL,PITCH,YAW",
     )
     axle_lever: float = option(
-        0.0, "distance of the Imu ahead of the rear axle, which follows the road, in m", "M"
+        0.0, "distance of the IMU ahead of the rear axle, which follows the road, in m", "M"
     )
     sideslip: float = option(
         0.0, "angle of slip outward for each m/s^2 of centripetal acceleration", "RAD/(M/S^2)"
@@ -327,7 +327,7 @@ class Launch(Vehicle):
     height: float = option(1000.0, "height above the ellipsoid in m", "M")
     heading: float = option(63.0, "heading at the start in degrees", "DEG")
     gyro_kind: Literal["rate", "mean-rate", "increment"] = option(
-        "increment", "what a gyro sample of the Imu topic is"
+        "increment", "what a gyro sample of the IMU topic is"
     )
     gnss_rate: float = _per_second(10.0, "fixes")
     gnss_model: Literal["perfect", "launch", "coloured"] = _receiver("launch")
@@ -347,7 +347,7 @@ class Launch(Vehicle):
 class HseRig(Scenario):
     """Raw gyros, accelerometers and encoder of a skewed triad that turns at constant rates.
 
-    The Imu topic holds the raw triad (mean rates over the interval that ends at the stamp), the
+    The IMU topic holds the raw triad (mean rates over the interval that ends at the stamp), the
     JointState topic the table's angle, /truth/imu the true attitude of the turning body.
     """
 

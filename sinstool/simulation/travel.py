@@ -3,7 +3,7 @@
 Velocity and attitude are given in axes ``w`` that start as NED turned by an azimuth and keep
 their azimuth: their turn against the Earth has no component about down. So nothing is special
 at a pole or the date line; only the answers are in NED. Position follows from the velocity,
-and the samples of the Imu from
+and the samples of the IMU from
 
     omega_ib_b = omega_wb_b + C_bw (omega_ie_w + omega_ew_w),
     f_b = C_bw (dv_w/dt + (2 omega_ie_w + omega_ew_w) x v_w - g_w)

@@ -1,4 +1,4 @@
-"""The truth of a simulated motion: exact samples of an Imu, attitude, and position."""
+"""The truth of a simulated motion: exact samples of an IMU, attitude, and position."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ImuTruth:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Motion over the Earth at the instants of the Imu samples.
+    """Motion over the Earth at the instants of the IMU samples.
 
     Attributes
     ----------
@@ -80,14 +80,14 @@ class Trajectory:
 
 
 def turned(trajectory: Trajectory, q_vb: ArrayLike) -> Trajectory:
-    """The trajectory of an Imu whose axes are turned against those of a given trajectory.
+    """The trajectory of an IMU whose axes are turned against those of a given trajectory.
 
     Parameters
     ----------
     trajectory : Trajectory
         Trajectory of axes ``v`` at the same point.
     q_vb : array_like, shape (4,)
-        From the Imu's axes ``b`` to ``v``.
+        From the IMU's axes ``b`` to ``v``.
 
     Returns
     -------

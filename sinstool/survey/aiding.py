@@ -1,6 +1,6 @@
 """Aiding data of an IMU: the barometer of a log, and functions for all such streams.
 
-They are slow beside the Imu's, so they are read whole. Every message is either used or counted, and
+They are slow beside the IMU's, so they are read whole. Every message is either used or counted, and
 units that cannot be right are refused with the option that answers them.
 """
 

@@ -102,7 +102,7 @@ class _Times:
 
 
 def may_have_stepped(parts: Sequence[tuple[IntArray, IntArray]]) -> bool:
-    """Whether times of an Imu's samples are not those of one clock.
+    """Whether times of an IMU's samples are not those of one clock.
 
     Parameters
     ----------
@@ -369,7 +369,7 @@ def _undone_with(
             levels[one.topic] = late
             stepped[one.topic] = _steps_with(late, size)
         else:
-            # Too few to tell: as the Imu, if it has the same clock
+            # Too few to tell: as the IMU, if it has the same clock
             apart = float(median(one.log_ns - one.stamp_ns)) - level.before
             stepped[one.topic] = stepped[imu.topic] and abs(apart) < SAME_CLOCK_NS
     # What has another clock says when the recorder's was right; else it was set to be

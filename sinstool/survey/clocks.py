@@ -1,4 +1,4 @@
-"""The clocks of Imu and receiver against each other, as each alone may seem right.
+"""The clocks of IMU and receiver against each other, as each alone may seem right.
 
 Their clocks are compared by the times at which both were recorded, and by their turns.
 """
@@ -40,7 +40,7 @@ def against_gnss(
     Raises
     ------
     DataError
-        GNSS shows that the Imu's data are in another unit.
+        GNSS shows that the IMU's data are in another unit.
     """
     findings = clocks_apart(survey, aiding.gnss, aiding.fix_topic, options)
     if any(f.kind == CONTRADICTS for f in aiding.findings):
@@ -56,7 +56,7 @@ def against_gnss(
 def clocks_apart(
     survey: Survey, gnss: GnssEpochs | None, topic: str, options: InputOptions
 ) -> list[Finding]:
-    """Find stamps of a receiver that are not on the Imu's clock.
+    """Find stamps of a receiver that are not on the IMU's clock.
 
     Both topics are recorded by one recorder, so log time less stamp is the same for both, apart
     from the delay of delivery.
@@ -81,7 +81,7 @@ def clocks_apart(
     # No message is recorded before it is sent, but a slow link may deliver it late
     unless = "" if ahead > 0.0 else ", unless they were recorded that late"
     text = (
-        f"the stamps of {topic} are {shown} those of the Imu, judging by the times of recording:"
+        f"the stamps of {topic} are {shown} those of the IMU, judging by the times of recording:"
         " two clocks"
     )
     finding = two_clocks(text, ahead, options, topic)

@@ -79,7 +79,7 @@ def course_evidence(windows: Windows, gnss: GnssEpochs | None) -> CourseEvidence
 
 
 def receiver_ahead(windows: Windows, gnss: GnssEpochs | None) -> float | None:
-    """How far a receiver's stamps are ahead of the Imu's, by the turns of both, s.
+    """How far a receiver's stamps are ahead of the IMU's, by the turns of both, s.
 
     Returns
     -------
@@ -206,7 +206,7 @@ def course_findings(
     options : InputOptions
         A unit that the user gave is not questioned.
     topic : str
-        Of the Imu.
+        Of the IMU.
     """
     evidence = course_evidence(windows, gnss)
     ratio = evidence.ratio
@@ -216,7 +216,7 @@ def course_findings(
             shown = f"{abs(ahead):.1f} s {'ahead of' if ahead > 0.0 else 'behind'}"
             text = (
                 "the course over ground turns with the gyro only if the stamps of the fixes are"
-                f" {shown} those of the Imu: two clocks"
+                f" {shown} those of the IMU: two clocks"
             )
             yield two_clocks(text, ahead, options, topic)
         return

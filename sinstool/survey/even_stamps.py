@@ -33,7 +33,7 @@ from sinstool.core.timeline import GAP_INTERVALS, SECOND
 
 # Length of a line through the stamps, s, and its least number of samples.
 LINE_S, LEAST_SAMPLES = 2.0, 64
-# No Imu samples more often than each so many ns: stamps of less are no times.
+# No IMU samples more often than each so many ns: stamps of less are no times.
 LEAST_NS = 10_000.0
 # Intervals beyond which samples may be missing, and the product of the delay of the promptest
 # samples and their number, over the usual delay, beyond which it is no chance (1e-10).

@@ -173,7 +173,7 @@ def _fixes(
 
 
 def _stamped(blocks: Iterable[S], options: InputOptions) -> Iterator[S]:
-    """Blocks with the receiver's stamps on the Imu's clock."""
+    """Blocks with the receiver's stamps on the IMU's clock."""
     ahead_ns = round(options.gnss_clock_offset * SECOND)
     for block in blocks:
         yield replace(block, time_ns=block.time_ns - ahead_ns) if ahead_ns else block

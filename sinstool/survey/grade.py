@@ -37,7 +37,7 @@ NOISIER = 3.0
 REST_S = 30.0  # shortest rest whose mean rate is a bias
 BRIEF_REST_S = 10.0  # the same in a log without GNSS, which could show that it is none
 CHANCE_SIGMAS = 2.0  # a bias may be larger by so many sigmas of the noise at rest
-LIKELIER = 0.5  # probability of a bare chip from which on an Imu is taken for one
+LIKELIER = 0.5  # probability of a bare chip from which on an IMU is taken for one
 # Gyros with the noise of tactical or navigation grade may be MEMS, or badly calibrated,
 # but no data sheet allows them a bias beyond this, rad/s.
 LARGEST_BIAS: dict[Grade, float] = {"tactical": 5e-3, "navigation": 1e-3}
@@ -156,7 +156,7 @@ def stated_grade_denied(source: Source, config: ProcessConfig) -> list[Finding]:
             "imu-options",
             f"the gyro's noise at rest is {shown:.2g} deg/sqrt(h), that of --imu-grade {stated}"
             f" {assumed:.2g}: the attitude is computed as if the gyros were better than they are",
-            answer="leave --imu-grade out, unless an engine shakes the Imu at rest",
+            answer="leave --imu-grade out, unless an engine shakes the IMU at rest",
             numbers={"deg_sqrt_h": shown},
         )
     ]
@@ -259,7 +259,7 @@ def _by_noise_and_bias(source: Source, config: ProcessConfig) -> ImuGrade:
         and moving[0] < walk
         and grade_by_noise(moving[0]) != grade_by_noise(walk)
     ):
-        # What shakes the vehicle where it stands, an engine or people, is no noise of the Imu
+        # What shakes the vehicle where it stands, an engine or people, is no noise of the IMU
         walk, where = moving[0], "in motion, less than at rest"
     shown = walk / DEGREE_PER_ROOT_HOUR
     grade, why = grade_by_noise(walk), f"by its gyro noise {where}, {shown:.2g} deg/sqrt(h)"

@@ -1,4 +1,4 @@
-"""The first pass over a log: a survey of its Imu data before any computation.
+"""The first pass over a log: a survey of its IMU data before any computation.
 
 Rates, gaps, clocks, units, rests and saturation are found in one pass with state that does not
 depend on where blocks end. Both `sinstool info` and `sinstool process` begin here, so that `info`
@@ -232,7 +232,7 @@ def survey(
     read: Watcher | None = None,
     judged: Watcher | None = None,
 ) -> Survey:
-    """Survey a log's Imu topic in one pass.
+    """Survey a log's IMU topic in one pass.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ class SegmentIncrements:
 
         Yields
         ------
-        Increments, Imu, Imu or None
+        Increments, IMU, IMU or None
             Updates, the samples at their ends, and, where they are the first of a segment, the
             sample at which it begins.
         """

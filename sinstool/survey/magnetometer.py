@@ -55,10 +55,10 @@ def magnetic_channels(log: Log) -> list[int]:
 def choose_magnetometer(
     log: Log, name: str | None, imu: ImuTopic, body_frame: str
 ) -> MagneticTopic:
-    """The magnetometer that belongs to an Imu.
+    """The magnetometer that belongs to an IMU.
 
-    Of several the one in the Imu's frame, and of those the one whose name has most in common with
-    the Imu's.
+    Of several the one in the IMU's frame, and of those the one whose name has most in common with
+    the IMU's.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def choose_magnetometer(
     frames = {t: _frame(log, c) for t, c in topics.items()}
     same = [t for t in topics if frames[t] and frames[t] == body_frame.lstrip("/")]
     if len(same) == 1:
-        reason = f"of {len(topics)} the only one in the Imu's frame, {body_frame}"
+        reason = f"of {len(topics)} the only one in the IMU's frame, {body_frame}"
         return MagneticTopic(same[0], reason, topics[same[0]])
     shared = {t: _shared(t, imu.topic) for t in same or topics}
     most = max(shared.values())

@@ -1,4 +1,4 @@
-"""What a run may need of a log besides its Imu, so that nothing else is read."""
+"""What a run may need of a log besides its IMU, so that nothing else is read."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def may_write_tf(config: ProcessConfig) -> bool:
 
 
 def may_need_mount(config: ProcessConfig) -> bool:
-    """Whether a run may constrain a land vehicle without a configured mount of the Imu."""
+    """Whether a run may constrain a land vehicle without a configured mount of the IMU."""
     return (
         config.navigation.mode in ("auto", "ins-gnss")
         and config.filter.vehicle != "none"

@@ -1,4 +1,4 @@
-"""Samples of an Imu that are no measurements: of a sensor that hangs, and single wrong values.
+"""Samples of an IMU that are no measurements: of a sensor that hangs, and single wrong values.
 
 A driver whose sensor does not answer sends the last sample again, or zeros. A bus that loses a bit
 makes one value of one sample anything. Both are integrated as if the vehicle had moved so.
@@ -200,7 +200,7 @@ class Suspects:
     def dead(self) -> tuple[str, ...]:
         """Axes of a sensor that never change although all others show noise.
 
-        A simulation may have no noise, and an Imu no gyros.
+        A simulation may have no noise, and an IMU no gyros.
         """
         if self._count < LEAST_DEAD:
             return ()

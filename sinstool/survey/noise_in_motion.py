@@ -1,4 +1,4 @@
-"""White noise of an Imu that moves, by what changes from one sample to the next."""
+"""White noise of an IMU that moves, by what changes from one sample to the next."""
 
 from __future__ import annotations
 

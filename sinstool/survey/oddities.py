@@ -326,7 +326,7 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
 
 
 def found_gaps(s: Survey, across_ns: int) -> Finding:
-    """The gaps of an Imu.
+    """The gaps of an IMU.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Whether the orientations of an Imu topic agree with its own gravity and gyro.
+"""Whether the orientations of an IMU topic agree with its own gravity and gyro.
 
 Numbers in another order, other axes, or another world all make unit quaternions. In the first
 seconds gravity and the gyro tell, whether the vehicle moves or not; but on one heading numbers in

@@ -1,7 +1,7 @@
-"""Rest according to the Imu, and whether GNSS contradicts it.
+"""Rest according to the IMU, and whether GNSS contradicts it.
 
-An Imu that shows nothing may rest or move steadily; GNSS tells the two apart, unless the receiver
-has only begun to work and its fixes wander. A vehicle that moves goes on until the Imu feels it
+An IMU that shows nothing may rest or move steadily; GNSS tells the two apart, unless the receiver
+has only begun to work and its fixes wander. A vehicle that moves goes on until the IMU feels it
 stop: fixes that come to rest by themselves never moved.
 """
 
@@ -20,7 +20,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.still import WINDOW_NS, StillSpan, Windows, span_of
 
 # What moves faster than this by GNSS, or further by fixes alone, is not at rest, however still the
-# Imu seems; nor beyond this many sigmas that the receiver states, or the assumed one, m.
+# IMU seems; nor beyond this many sigmas that the receiver states, or the assumed one, m.
 MOVING_M_S = 1.0
 MOVING_M = 30.0
 SIGMAS = 4.0
@@ -46,7 +46,7 @@ KNOCK_S, KNOCK_M_S, KNOCK_RAD, KNOCK_FORCE, KNOCK_M = 30.0, 0.5, 0.05, 0.15, 1.0
 UNSETTLED_M, CHANCE = 10.0, 0.01
 LEAST_FIXES = 10
 MOST_FAR = 0.1
-# Rest at the beginning in which an engine shakes the Imu, s: its first fix comes within
+# Rest at the beginning in which an engine shakes the IMU, s: its first fix comes within
 # FIRST_FIX_S, fixes need MOVED_OFF_S to show that a motion has begun, and it lasts for
 # LEAST_SHAKEN_S or longer. Means of ALIKE windows agree to SHAKEN_RATE, rad/s, and SHAKEN_FORCE,
 # m/s^2, beside their noise. A vehicle that stands has velocities below STANDING_M_S and fixes,
@@ -100,10 +100,10 @@ def _farthest(gains: np.ndarray, step: np.ndarray) -> float:
 
 
 def shaken_rest(windows: Windows, gnss: GnssEpochs, first_ns: int) -> StillSpan | None:
-    """The rest at the beginning of a log in which an engine shakes the Imu; None without one.
+    """The rest at the beginning of a log in which an engine shakes the IMU; None without one.
 
-    The fixes stay in place, and so do the means of the Imu beside vibration. Neither is enough
-    alone: fixes do not show how a vehicle rocks, and slow motion looks like rest to the Imu.
+    The fixes stay in place, and so do the means of the IMU beside vibration. Neither is enough
+    alone: fixes do not show how a vehicle rocks, and slow motion looks like rest to the IMU.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """A turntable rig's log: raw gyros, accelerometers and encoder, and its turns.
 
-A rig's Imu topic holds the raw triad, so nothing that `process` asks of a vehicle's log (axes,
+A rig's IMU topic holds the raw triad, so nothing that `process` asks of a vehicle's log (axes,
 units by the size of gravity, stillness) applies; the stretches at constant rate are found by the
 encoder alone.
 """

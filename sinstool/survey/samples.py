@@ -1,4 +1,4 @@
-"""Samples of an Imu topic once they have been surveyed: kept, or read again."""
+"""Samples of an IMU topic once they have been surveyed: kept, or read again."""
 
 from __future__ import annotations
 

@@ -67,9 +67,9 @@ class Source:
     findings : tuple of Finding
         What is odd about the log.
     body_frame : str
-        Frame id of the Imu's messages.
+        Frame id of the IMU's messages.
     encoding : str
-        Of the Imu's messages: cdr or ros1.
+        Of the IMU's messages: cdr or ros1.
     tf_parent : str or None
         Parent of the body's frame in the log's own transforms, where one may be in the way.
     in_vehicle : StaticRotation or None
@@ -106,14 +106,14 @@ def prepare(
     surveyed: tuple[Survey, SampleCache] | None = None,
     gyro_only: bool = False,
 ) -> Source:
-    """Choose topics, survey the Imu, and refuse a log that cannot be processed.
+    """Choose topics, survey the IMU, and refuse a log that cannot be processed.
 
     Parameters
     ----------
     progress : callable, optional
         Called with the bytes read.
     surveyed : tuple, optional
-        The survey of the Imu topic that is chosen and its samples, where they exist already.
+        The survey of the IMU topic that is chosen and its samples, where they exist already.
     gyro_only : bool, optional
         Nothing else is needed than the gyro's samples, and the latitude where the log begins.
 
@@ -126,7 +126,7 @@ def prepare(
     units = imu_units(options)
     findings: list[Finding] = []
     if not topic.obvious:
-        text = f"Imu topic {topic.topic}: {topic.reason}"
+        text = f"IMU topic {topic.topic}: {topic.reason}"
         findings.append(Finding("imu-topic", text, topic=topic.topic))
     all_gnss = not gyro_only and needs_all_gnss(log, config)
     needs_baro = not gyro_only and may_need_barometer(log, config)
@@ -197,7 +197,7 @@ def _truly_at_rest(survey_: Survey, aiding: AidingData) -> tuple[Survey, AidingD
     if speed is None:
         gnss, findings = settled(gnss, rest.start_ns, end_ns)
         return survey_, replace(aiding, gnss=gnss), findings
-    seems = f"the Imu seems at rest for the first {rest.duration_s:.1f} s"
+    seems = f"the IMU seems at rest for the first {rest.duration_s:.1f} s"
     text = f"{seems}, but GNSS moves at {speed:.1f} m/s: this is steady motion, not rest"
     if gnss.time_ns[0] > end_ns:
         text = (
@@ -242,7 +242,7 @@ def survey_samples(
     judged: Watcher | None = None,
     look_for_steps: bool = True,
 ) -> tuple[Survey, SampleCache]:
-    """Read an Imu topic once: its survey, and its samples.
+    """Read an IMU topic once: its survey, and its samples.
 
     Parameters
     ----------
@@ -352,7 +352,7 @@ def _explain(source: Source, config: ProcessConfig) -> None:
 
 
 def imu_units(options: InputOptions) -> ImuUnits:
-    """Scale factors and axes of the Imu topic."""
+    """Scale factors and axes of the IMU topic."""
     return ImuUnits(
         options.body_axes,
         DEGREE if options.gyro_unit == "deg/s" else 1.0,
@@ -434,7 +434,7 @@ def _position(
 
 
 def nominal_interval(source: Source, config: ProcessConfig) -> float:
-    """Interval of the Imu's samples, ns: as configured, else the median of the log."""
+    """Interval of the IMU's samples, ns: as configured, else the median of the log."""
     rate = config.input.imu_rate
     return (source.survey.interval_ns if rate is None else SECOND / rate) or SECOND
 

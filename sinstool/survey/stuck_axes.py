@@ -1,4 +1,4 @@
-"""Single axes of an Imu that repeat one value for a while, as the others measure on.
+"""Single axes of an IMU that repeat one value for a while, as the others measure on.
 
 A bus or a chip may lose one axis: its value stays what it was, while the other two of its sensor
 show what the vehicle does. Integrated, it is a rotation, or an acceleration, that never was.

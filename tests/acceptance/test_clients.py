@@ -37,7 +37,7 @@ COUNT = 600
 
 
 def small(ros):
-    """Imu that turns by hand, and pressure that comes late: the file is not in order of time."""
+    """IMU that turns by hand, and pressure that comes late: the file is not in order of time."""
     times = even_times(COUNT)
     gyro, accel, _ = handheld(COUNT)
     pressure = store(ros).types[PRESSURE]

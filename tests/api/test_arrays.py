@@ -118,7 +118,7 @@ GOOD = Imu.of(TIMES, ZEROS, ZEROS)
         (lambda: sinstool.integrate(GOOD, gyro_kind="mean"), "gyro_kind is 'mean'"),
         (lambda: sinstool.integrate(GOOD, coning="previous-0"), "unknown coning algorithm"),
         (lambda: sinstool.integrate(GOOD, gyro_bias="still"), "gyro_bias is not made of numbers"),
-        (lambda: sinstool.integrate(GOOD.rows(slice(0, 1))), "there are 1 Imu samples"),
+        (lambda: sinstool.integrate(GOOD.rows(slice(0, 1))), "there are 1 IMU samples"),
         (lambda: sinstool.integrate(GOOD.rows(slice(None, None, -1))), "in time order"),
         (lambda: sinstool.navigate(GOOD, None), "no GNSS is given"),
         (lambda: sinstool.navigate(GOOD, GOOD), "gnss is of type Imu: give columns: log.gnss"),

@@ -56,4 +56,4 @@ def test_a_check_that_sees(drive, tmp_path):
     finally:
         drive.stamp -= 1
     wrong = faulty.check(other, tmp_path / "out.mcap", summary)
-    assert any("stamps are no Imu's" in text for text in wrong)
+    assert any("stamps are no IMU's" in text for text in wrong)

@@ -44,7 +44,7 @@ def test_process_explains_attitude(run, tmp_path):
     chosen = choices(err)
     assert status == 0
     assert chosen["mode"][0].startswith("attitude, as the log has no GNSS fixes")
-    assert chosen["Imu topic"] == ["/imu/data_raw, the only one with an Imu (--imu-topic)"]
+    assert chosen["IMU topic"] == ["/imu/data_raw, the only one with an IMU (--imu-topic)"]
     assert chosen["time"][0].startswith("header stamps, a sample each 10 ms")
     assert chosen["first attitude"] == [
         "level, as the first 2.5 s are at rest and nothing shows north (--align)"
@@ -90,7 +90,7 @@ def test_others_explain_too(run, tmp_path):
     assert chosen["runs"] == ["6 stretches with whole turns, from 2 logs"]
     assert chosen["method"] == ["joint, over 6 runs"]
     _, _, err = run("info", log, "-v")
-    assert choices(err)["Imu topic"] == ["/imu/data_raw, the only one with an Imu (--imu-topic)"]
+    assert choices(err)["IMU topic"] == ["/imu/data_raw, the only one with an IMU (--imu-topic)"]
 
 
 def test_an_error_stays_a_line_with_v(run, tmp_path):

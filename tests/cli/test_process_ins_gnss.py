@@ -101,7 +101,7 @@ def test_rtk_drive(tmp_path):
     hidden = outages(40.0, 15.0, 45.0, 545.0)
     result = process(log, tmp_path / "out.mcap", "--smooth", *hidden)
     used = result["filter"]
-    # Stamps of the Imu are late by about 0.125 s, and velocities by half a fix's interval
+    # Stamps of the IMU are late by about 0.125 s, and velocities by half a fix's interval
     assert used["gnss_latency_s"] == pytest.approx(-0.125, abs=0.025)
     lag = used["gnss_latency"]["velocity_s"] - used["gnss_latency"]["position_s"]
     assert lag == pytest.approx(0.125, abs=0.01)

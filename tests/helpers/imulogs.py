@@ -1,4 +1,4 @@
-"""Imu logs written by other people's writers, and attitudes read back by their readers."""
+"""IMU logs written by other people's writers, and attitudes read back by their readers."""
 
 from functools import cache
 from typing import NamedTuple

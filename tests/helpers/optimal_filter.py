@@ -3,7 +3,7 @@
 It shares no code with the product. Where it gets the true noise of the sensors and the receiver it
 is optimal, as far as a linearised filter can be; whoever is worse than it by a factor has a model
 that does not fit. It knows no outliers, no latency and no barometer. It goes on after gaps of the
-Imu, but after minutes without samples its heading is off by more than it says: a heading that may
+IMU, but after minutes without samples its heading is off by more than it says: a heading that may
 be anything is not linear.
 
 Frames and signs are the usual ones: n is north, east, down; b is forward, right, down; C_nb takes
@@ -403,7 +403,7 @@ def navigate(seconds, gyro, accel, fixes, start, errors, lever, interval=INTERVA
         Of one row, at the first sample.
     errors : SensorErrors
     lever : ndarray, shape (3,)
-        From the Imu to the antenna, in b, m.
+        From the IMU to the antenna, in b, m.
 
     Returns
     -------

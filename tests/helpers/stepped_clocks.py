@@ -8,7 +8,7 @@ from mcap.writer import Writer
 from tests.helpers.imulogs import IMU, T0, store
 from tests.helpers.unseen_drives import RATE, fix_messages, imu_rows
 
-# Whose times step: stamps of the Imu and of the receiver, and times of recording
+# Whose times step: stamps of the IMU and of the receiver, and times of recording
 TOGETHER = ("imu", "gnss", "recorder")
 
 

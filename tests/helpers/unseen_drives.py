@@ -55,7 +55,7 @@ FIRST = {"tactical": (0.01, 0.2, 0.02), "industrial": (0.05, 2.0, 0.02)}
 
 @dataclass(frozen=True)
 class Motion:
-    """The truth at the samples, and the increments of a perfect Imu (frd) that end at each.
+    """The truth at the samples, and the increments of a perfect IMU (frd) that end at each.
 
     Attributes
     ----------
@@ -404,7 +404,7 @@ def first_state(truth, errors, seed, sigmas):
 
 
 def without_samples(data, begin, length):
-    """A gap of the Imu; fixes go on."""
+    """A gap of the IMU; fixes go on."""
     there = (data.seconds <= begin) | (data.seconds > begin + length)
     samples = {name: getattr(data, name)[there] for name in ("seconds", "gyro", "accel")}
     return replace(data, **samples)

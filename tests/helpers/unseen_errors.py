@@ -17,16 +17,16 @@ from tests.helpers.unseen_drives import DEG, RATE, Motion, Record, band_noise, w
 
 GRAVITY = 9.81
 
-# --- the Imu -----------------------------------------------------------------------------------
+# --- the IMU -----------------------------------------------------------------------------------
 
 
 def turned(truth: Motion, mount: Rotation) -> Motion:
-    """The motion of an Imu that is mounted another way.
+    """The motion of an IMU that is mounted another way.
 
     Parameters
     ----------
     mount : Rotation
-        Takes the Imu's axes to those of `truth`.
+        Takes the IMU's axes to those of `truth`.
     """
     c = mount.as_matrix()
     return replace(truth, c_nb=truth.c_nb @ c, gyro=truth.gyro @ c, accel=truth.accel @ c)
@@ -107,7 +107,7 @@ def received(data: Record, seed: int, size: float) -> Record:
 
 
 def drifting_clock(data: Record, rate: float) -> tuple[Motion, Record]:
-    """The Imu's clock is too fast by so much; the receiver's is right. Truth by the Imu's clock."""
+    """The IMU's clock is too fast by so much; the receiver's is right. Truth by the IMU's clock."""
     truth = replace(data.truth, seconds=data.truth.seconds * (1.0 + rate))
     return truth, replace(data, seconds=data.seconds * (1.0 + rate))
 

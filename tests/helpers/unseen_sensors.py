@@ -219,7 +219,7 @@ def recorded(random: Random, log: Log) -> tuple[list[str], Log]:
 
 
 def written(path: Path, log: Log) -> Path:
-    """An MCAP of Imu in FLU."""
+    """An MCAP of IMU in FLU."""
     rows = imu_rows(T0 + log.stamps, log.gyro * FLIP, log.accel * FLIP)
     with path.open("wb") as stream:
         writer = Writer(stream)

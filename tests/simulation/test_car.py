@@ -1,4 +1,4 @@
-"""A simulated car: what its axle does, where the Imu is in it, its wheels and a ferry."""
+"""A simulated car: what its axle does, where the IMU is in it, its wheels and a ferry."""
 
 import json
 
@@ -106,7 +106,7 @@ def test_a_mount_turns_the_samples_and_not_the_vehicle():
     axle = axle_motion(turned, car, turned.time_ns)
     apart = rotation.log(rotation.multiply(rotation.conjugate(axle.q_nv), plain.imu.q_nb))
     assert np.abs(apart).max() < 1e-10
-    # nose up by 60 degrees: forward of the level vehicle has a part upward in the Imu
+    # nose up by 60 degrees: forward of the level vehicle has a part upward in the IMU
     nose_up = rotation.rotate(rotation.from_euler(np.deg2rad([0.0, 60.0, 0.0])), [1.0, 0.0, 0.0])
     np.testing.assert_allclose(nose_up, [0.5, 0.0, -np.sqrt(0.75)], atol=1e-12)
 

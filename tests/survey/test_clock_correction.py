@@ -70,7 +70,7 @@ def test_all_that_the_computer_stamps(tmp_path, road, size):
 @pytest.mark.parametrize("who", PARTS)
 @pytest.mark.parametrize("size", [*BACK, *FORWARD])
 def test_stamps_of_some_topics_only(tmp_path, road, who, size):
-    """Whichever clock was set, the Imu and the receiver agree again."""
+    """Whichever clock was set, the IMU and the receiver agree again."""
     write_stepped(tmp_path / "log.mcap", road, [(31.4, size)], who)
     source, imu, fix_ns = read(tmp_path / "log.mcap")
     steps = steps_of(source)
@@ -151,7 +151,7 @@ def test_back_and_forth(tmp_path, road):
 
 @pytest.mark.parametrize("ros", [1, 2])
 def test_bags_keep_the_order_of_arrival(tmp_path, ros):
-    """An Imu alone, most of whose computer's clock is an hour ahead."""
+    """An IMU alone, most of whose computer's clock is an hour ahead."""
     right_ns = even_times(4000)
     shown_ns = right_ns + np.where(np.arange(4000) < 1500, 3600 * 10**9, 0)
     log_ns = shown_ns + np.random.default_rng(0).integers(200_000, 900_000, 4000)

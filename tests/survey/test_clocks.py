@@ -1,4 +1,4 @@
-"""A receiver that stamps by another clock than the Imu is found, and its stamps can be moved."""
+"""A receiver that stamps by another clock than the IMU is found, and its stamps can be moved."""
 
 from types import SimpleNamespace
 
@@ -59,7 +59,7 @@ def test_one_clock_says_nothing():
     # a receiver that delivers late, now and then by much
     late = np.random.default_rng(1).exponential(3.0, N)
     assert not clocks_apart(survey(), epochs(0.0, delay=late), "/fix", InputOptions())
-    # an Imu whose recorder hangs, or whose clock is set in the log
+    # an IMU whose recorder hangs, or whose clock is set in the log
     assert not clocks_apart(survey(0.0, 40.0), epochs(0.0, delay=20.0), "/fix", InputOptions())
 
 
@@ -70,7 +70,7 @@ def test_nothing_to_judge_by():
 
 
 def stamped_ahead(ahead_s):
-    """Fixes and velocities of a receiver whose clock is ahead, and an Imu at rest."""
+    """Fixes and velocities of a receiver whose clock is ahead, and an IMU at rest."""
     messages = imu_messages(
         even_times(600, rate=20.0), np.zeros((600, 3)), np.tile([0.0, 0.0, 9.8], (600, 1))
     )

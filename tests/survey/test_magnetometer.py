@@ -68,8 +68,8 @@ def read(path, axes="flu"):
     [
         ({}, "", "as the log has no MagneticField topic"),
         ({"/m": "elsewhere"}, "/m", "the log's only MagneticField topic"),
-        ({"/a": "imu_link", "/robot/imu/mag": "gps"}, "/a", "of 2 the only one in the Imu's frame"),
-        ({"/a": "/imu_link", "/b": "gps"}, "/a", "of 2 the only one in the Imu's frame"),
+        ({"/a": "imu_link", "/robot/imu/mag": "gps"}, "/a", "of 2 the only one in the IMU's frame"),
+        ({"/a": "/imu_link", "/b": "gps"}, "/a", "of 2 the only one in the IMU's frame"),
         ({"/gps/mag": "", "/robot/imu/mag": ""}, "/robot/imu/mag", "most resembles that of"),
         ({"/a": "imu_link", "/robot/b": "imu_link"}, "/robot/b", "most resembles that of"),
         ({"/a": "", "/b": ""}, "", "does not show which is meant of /a, /b"),

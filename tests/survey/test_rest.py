@@ -1,4 +1,4 @@
-"""Rest is what the Imu says, unless fixes around it move."""
+"""Rest is what the IMU says, unless fixes around it move."""
 
 import dataclasses
 
@@ -65,7 +65,7 @@ def circling(radius, speed, *, with_velocity):
 
 @pytest.mark.parametrize("with_velocity", [True, False])
 def test_a_steady_circle_is_no_rest_and_keeps_its_fixes(with_velocity):
-    """To an Imu it is a rest, and in the mean its velocity is none: no fix was left of the log."""
+    """To an IMU it is a rest, and in the mean its velocity is none: no fix was left of the log."""
     gnss = circling(60.0, 10.0, with_velocity=with_velocity)
     assert moving_at(gnss, 0, 300 * SECOND) == pytest.approx(10.0, rel=0.2)
     kept, findings = settled(gnss, 0, 300 * SECOND)
@@ -107,7 +107,7 @@ def test_what_a_receiver_says_until_it_has_settled_is_left_out(speed, sigma):
 
 
 def shaken(seed, parked=60.0, rock=0.0, rate=100.0):
-    """An Imu that an engine shakes, parked and then driven off: its windows and its fixes.
+    """An IMU that an engine shakes, parked and then driven off: its windows and its fixes.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def test_of_two_rates_the_smaller_is_the_bias(spans, chosen):
 
 
 def two_rests(seed, speed, moving_s, *, bias=0.0):
-    """The windows of an Imu that rests, is accelerated to a speed and stopped again, and rests."""
+    """The windows of an IMU that rests, is accelerated to a speed and stopped again, and rests."""
     random = np.random.default_rng(seed)
     t = np.arange(0.0, 80.0, 0.01)
     ramp_s = 0.25 * moving_s

@@ -40,7 +40,7 @@ MOVED = "moved"
 
 @dataclass(frozen=True)
 class ImuUnits:
-    """Units and axes in which a log's Imu topic is read.
+    """Units and axes in which a log's IMU topic is read.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ def _vector(path: str) -> list[str]:
     return [f"{path}.{axis}" for axis in XYZ]
 
 
-# Fields that a message of any type must have to be read as an Imu
+# Fields that a message of any type must have to be read as an IMU
 IMU_FIELDS = ("header.stamp", *_vector("angular_velocity"), *_vector("linear_acceleration"))
 
 
@@ -180,12 +180,12 @@ def read_imu(
     orientation: bool | Callable[[], bool] = False,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[Imu]:
-    """Imu samples of a topic, in file order, in FRD and SI units.
+    """IMU samples of a topic, in file order, in FRD and SI units.
 
     Parameters
     ----------
     path : str
-        Where the Imu lies inside the message, for types that nest one ('' for plain Imu).
+        Where the IMU lies inside the message, for types that nest one ('' for plain IMU).
     log_time : bool
         Use the recorder's time instead of the header stamp.
     orientation : bool or callable

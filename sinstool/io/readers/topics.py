@@ -22,12 +22,12 @@ NONE = "none"
 
 @dataclass(frozen=True)
 class ImuTopic:
-    """A topic that carries Imu data.
+    """A topic that carries IMU data.
 
     Attributes
     ----------
     path : str
-        Where the Imu lies in the message; '' for a plain Imu topic.
+        Where the IMU lies in the message; '' for a plain IMU topic.
     reason : str
         Why it was chosen.
     obvious : bool
@@ -54,7 +54,7 @@ def topics_of_type(log: Log, *types: str) -> dict[str, tuple[Channel, ...]]:
 
 
 def imu_candidates(log: Log) -> list[ImuTopic]:
-    """Every topic with Imu data: plain Imu, types that nest an Imu, types with the same fields."""
+    """Every topic with IMU data: plain IMU, types that nest an IMU, types with the same fields."""
     plain = [ImuTopic(t, c) for t, c in topics_of_type(log, IMU_TYPE).items()]
     nested, alike = [], []
     for topic in dict.fromkeys(c.topic for _, c in sorted(log.channels.items())):
@@ -79,7 +79,7 @@ def _like_an_imu(log: Log, channels: tuple[Channel, ...]) -> bool:
 
 
 def _nested_path(log: Log, channels: tuple[Channel, ...]) -> str:
-    """Path of the only Imu inside a topic's type; '' where there is none or several."""
+    """Path of the only IMU inside a topic's type; '' where there is none or several."""
     nested = set()
     for channel in channels:
         try:
@@ -93,7 +93,7 @@ def _nested_path(log: Log, channels: tuple[Channel, ...]) -> str:
 
 
 def choose_imu(log: Log, name: str | None) -> ImuTopic:
-    """The Imu topic of a run.
+    """The IMU topic of a run.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def choose_imu(log: Log, name: str | None) -> ImuTopic:
     Raises
     ------
     TopicError
-        The topic is missing or carries no Imu; there is none; there are several with data.
+        The topic is missing or carries no IMU; there is none; there are several with data.
     """
     candidates = imu_candidates(log)
     if name is not None:
@@ -122,17 +122,17 @@ def choose_imu(log: Log, name: str | None) -> ImuTopic:
         hint = f"it has {', '.join(types[:8])}" if types else "it has no topic of a known type"
         raise TopicError(log.path, "the log has no sensor_msgs/Imu topic", hint)
     if len(candidates) == 1:
-        return replace(candidates[0], reason="the only one with an Imu")
+        return replace(candidates[0], reason="the only one with an IMU")
     plain = [c for c in candidates if all(one.type == IMU_TYPE for one in c.channels)]
     if len(plain) == 1:
-        return _noted(plain[0], "the only plain Imu topic")
+        return _noted(plain[0], "the only plain IMU topic")
     rates = {c.topic: probe_rate(log, c) for c in plain or candidates}
     alive = [c for c in plain or candidates if rates[c.topic] is not None]
     if len(alive) == 1:
-        return _noted(alive[0], "the only Imu topic whose data is not all zeros")
+        return _noted(alive[0], "the only IMU topic whose data is not all zeros")
     shown = ", ".join(f"{c.topic} ({_hertz(rates[c.topic])})" for c in plain or candidates)
     raise TopicError(
-        log.path, f"several topics carry an Imu: {shown}", "choose one with --imu-topic"
+        log.path, f"several topics carry an IMU: {shown}", "choose one with --imu-topic"
     )
 
 
@@ -146,8 +146,8 @@ def _hertz(rate: float | None) -> str:
 
 def _listing(candidates: list[ImuTopic]) -> str:
     if not candidates:
-        return "no topic of this log carries an Imu"
-    return "Imu topics are " + ", ".join(c.topic for c in candidates)
+        return "no topic of this log carries an IMU"
+    return "IMU topics are " + ", ".join(c.topic for c in candidates)
 
 
 def probe_rate(log: Log, topic: ImuTopic) -> float | None:

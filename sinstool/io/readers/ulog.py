@@ -146,7 +146,7 @@ TOPICS = (
 
 
 class UlogLog(Log):
-    """A ULog of PX4: the first Imu, GNSS receiver, barometer and magnetometer of it.
+    """A ULog of PX4: the first IMU, GNSS receiver, barometer and magnetometer of it.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """How certain a heading is, by how much less likely other headings are.
 
 The filter of a refinement is linear about the attitude that it starts from, and takes every change
-of velocity that the Imu measures for one of the vehicle. If these are mostly those of a gait, of
+of velocity that the IMU measures for one of the vehicle. If these are mostly those of a gait, of
 waves or of vibration, which velocities derived from positions do not contain, every heading
 explains the fixes about equally well, and the filter stays near its start with a small sigma. The
 likelihood of other headings, with everything else estimated anew, shows this, and a better heading

@@ -365,7 +365,7 @@ def gnss_fixes(
     rows = gnss.rows(inside & (gnss.has_velocity if gnss.has_velocity.any() else gnss.has_position))
     if not len(rows):
         raise AlignmentError(
-            f"no GNSS fix lies within the span of the Imu's samples{_beside(valid_ns, first_ns)}",
+            f"no GNSS fix lies within the span of the IMU's samples{_beside(valid_ns, first_ns)}",
             "choose another span with --start and --end, use --align level or log, or, if the"
             " receiver has another clock, give --gnss-clock-offset",
         )

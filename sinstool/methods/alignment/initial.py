@@ -195,7 +195,7 @@ def from_motion(windows: Windows, time_ns: int) -> Alignment:
 
 
 def from_log(q_nb: np.ndarray, time_ns: int) -> Alignment:
-    """The orientation that the Imu topic itself gives."""
+    """The orientation that the IMU topic itself gives."""
     return Alignment(q_nb, "log", time_ns, (None, None, None), "ok", True)
 
 

@@ -318,7 +318,7 @@ def explain_residuals(solution: Solution, segment: Segment) -> str:
     target = solution.residuals.reshape(-1)
     best, text = (
         0.5 * float(target @ target),
-        "check latency, lever arm, units, outliers and the Imu's grade",
+        "check latency, lever arm, units, outliers and the IMU's grade",
     )
     for part in (slice(0, 1), slice(1, 4)):
         columns = difference[:, :, part].reshape(len(target), -1)

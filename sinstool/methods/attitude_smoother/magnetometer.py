@@ -46,7 +46,7 @@ RUN, MARGIN = 2, 5  # epochs
 # Share of a normal distribution within a sigma
 ONE_SIGMA = 0.683
 # The field is refused if a smaller share, or number of epochs, is trusted, if headings scatter by
-# more, or the field is steeper. Even of a field in axes that are not those of the Imu some 30 % lie
+# more, or the field is steeper. Even of a field in axes that are not those of the IMU some 30 % lie
 # around the densest value.
 LEAST_TRUSTED, LEAST_EPOCHS = 1.0 / 3.0, 50
 MOST_SCATTER, STEEPEST = 10.0 * DEGREE, 80.0 * DEGREE

@@ -172,7 +172,7 @@ SURE, WARMING_WALK, WARMING_DRIFT = 0.95, 5e-5, 2e-5
 
 
 def accel_uncalibrated(gyro_bias: FloatArray | None, off: float) -> float:
-    """Probability that the accelerometers of a low-cost Imu are not calibrated.
+    """Probability that the accelerometers of a low-cost IMU are not calibrated.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ def take_off(
     rate: FloatArray,
     force: FloatArray,
 ) -> None:
-    """Take errors off velocities and what the Imu feels, in place.
+    """Take errors off velocities and what the IMU feels, in place.
 
     Parameters
     ----------

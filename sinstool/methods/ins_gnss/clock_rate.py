@@ -1,4 +1,4 @@
-"""A receiver's clock that runs faster or slower than the Imu's: the latency changes steadily.
+"""A receiver's clock that runs faster or slower than the IMU's: the latency changes steadily.
 
 Unless one clock is set by the other, each runs by its own crystal, and two crystals differ by some
 20 ppm: 72 ms in an hour, or a metre at 15 m/s.
@@ -72,7 +72,7 @@ class ClockRate:
         return self.rate * (time_ns - self.middle_ns) * 1e-9
 
     def corrected(self, gnss: GnssEpochs) -> GnssEpochs:
-        """Fixes with stamps of a clock that runs at the rate of the Imu's."""
+        """Fixes with stamps of a clock that runs at the rate of the IMU's."""
         late = np.round(self.rate * (gnss.time_ns - self.middle_ns)).astype(np.int64)
         return replace(gnss, time_ns=gnss.time_ns - late)
 

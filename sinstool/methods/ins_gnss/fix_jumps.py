@@ -2,7 +2,7 @@
 
 A receiver that fixes a wrong integer ambiguity is off by a metre or so until it notices, and states
 a centimetre all the while [1]_. A filter that rejects such fixes drifts until they are within its
-own sigmas, and then accepts them. The jumps at their ends betray them: compared with an Imu, a fix
+own sigmas, and then accepts them. The jumps at their ends betray them: compared with an IMU, a fix
 does not move by a metre from one epoch to the next. Between two jumps all fixes have the same
 error, and stretches that agree with one another count as right.
 

@@ -113,7 +113,7 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("swing", (3,)),  # the rate that swings the antenna, at its end
     ("force", (3,)),
     ("recent", (6,)),  # rate and force, means of the latest half second or so
-    ("bridge", (6,)),  # rate and force assumed within an Imu gap
+    ("bridge", (6,)),  # rate and force assumed within an IMU gap
     ("open",),  # 1 while measurements at this instant are being made
     ("instant_at",),  # time of the latest instant
     ("step",),  # what the channel would have changed the height by on engaging again, m

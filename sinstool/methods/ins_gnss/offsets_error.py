@@ -5,7 +5,7 @@ for them, from slow errors of the fixes.
 
 A filter follows its fixes: with a wrong latency the whole solution is early or late, and with a
 wrong lever arm it lies beside the track. Innovations hardly show either, and there are no states
-for them. The same holds for the samples of the Imu: each may be a mean until its stamp or a rate at
+for them. The same holds for the samples of the IMU: each may be a mean until its stamp or a rate at
 it, and the two motions are half a sample apart.
 """
 
@@ -23,7 +23,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import STANDARD_GRAVITY
 
 # Fixes hold a solution to their own time and place over this time, s; faster motion is that of the
-# Imu.
+# IMU.
 HELD_NS = SECOND
 
 
@@ -42,7 +42,7 @@ class OffsetsError:
         Mean products of the attitude errors about each axis, NED, by each part of b, rad; see
         :class:`~sinstool.methods.ins_gnss.receiver_offsets.ReceiverOffsets`.
     sample_s : float, optional
-        Time, s, by which the samples of the Imu may be off, with even odds.
+        Time, s, by which the samples of the IMU may be off, with even odds.
     shared : bool, optional
         Whether the latency was estimated against these samples: then position is off too.
     slow_m : array_like, shape (3,), optional
@@ -128,7 +128,7 @@ def _add_other_time(
     Parameters
     ----------
     q, rate, force : ndarray, shape (n, 4), (n, 3) and (n, 3)
-        Attitudes, and the rates and specific forces that the Imu measures.
+        Attitudes, and the rates and specific forces that the IMU measures.
     attitude, velocity : ndarray, shape (n, 3, 3)
         Changed; a velocity without rows is not.
     """

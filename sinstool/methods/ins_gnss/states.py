@@ -26,7 +26,7 @@ the negative of one of "down". Position errors are lengths, ``(R_M + h) dlat`` a
 latitude.
 
 What a sensor measures along the other two axes is its misalignment: x of y, x of z, y of x, y of
-z, z of x, z of y. Only filters of Imus whose turns show it have these states:
+z, z of x, z of y. Only filters of IMUs whose turns show it have these states:
 :attr:`FilterKind.with_axes`. Gyros and accelerometers have them together: in a vehicle that stays
 level a gyro that feels its turns acts as the bias of an accelerometer does, but for the upward
 force as it gains speed, and a misaligned accelerometer feels that as well.

@@ -73,7 +73,7 @@ class Withheld:
         All epochs, at the times at which they are valid.
     withheld : ndarray of bool
     lever_arm_b : array_like, shape (3,)
-        From the Imu to the antenna, m.
+        From the IMU to the antenna, m.
     """
 
     def __init__(
@@ -111,7 +111,7 @@ class Withheld:
             return
         fixes = self._fixes.rows(rows)
         k = np.clip(np.searchsorted(times, fixes.time_ns), 1, len(times) - 1)
-        near = times[k] - times[k - 1] < SECOND  # not within a gap of the Imu
+        near = times[k] - times[k - 1] < SECOND  # not within a gap of the IMU
         share = ((fixes.time_ns - times[k - 1]) / (times[k] - times[k - 1]))[:, None]
         step = position[k] - position[k - 1]
         step[:, 1] = wrapped(step[:, 1])

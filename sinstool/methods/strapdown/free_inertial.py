@@ -1,4 +1,4 @@
-"""Attitude, velocity and position from ordered Imu blocks, for `process --mode ins`.
+"""Attitude, velocity and position from ordered IMU blocks, for `process --mode ins`.
 
 It runs the mechanisation, and a vertical channel that a barometer or GNSS heights may damp.
 """

@@ -257,7 +257,7 @@ def _carried_back(
 ) -> tuple[int, np.ndarray, np.ndarray]:
     """Attitude and covariance at a time, or at the original time if that cannot be reached.
 
-    It cannot if the Imu has a gap in between, or if the sigma, rad, would exceed the limit.
+    It cannot if the IMU has a gap in between, or if the sigma, rad, would exceed the limit.
 
     A vehicle that rests at the beginning keeps its attitude through the rest; through motion the
     gyros carry it back, and the sigma grows by their biases.

@@ -220,7 +220,7 @@ def _read_truth(
             source.path,
             f"--truth {topic_or_file} has no two instants within the samples of"
             f" {source.imu_topic.topic}",
-            "its times have to be in the clock of the Imu's header stamps",
+            "its times have to be in the clock of the IMU's header stamps",
         )
     return truth
 

@@ -75,7 +75,7 @@ class _Watcher(ABC):
 
 
 class Values(_Watcher):
-    """Readings of one Imu topic in the order of time, in the log's axes.
+    """Readings of one IMU topic in the order of time, in the log's axes.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Values(_Watcher):
 
 
 class Sampling(_Watcher):
-    """Intervals and clocks of one Imu topic, in the order of the file.
+    """Intervals and clocks of one IMU topic, in the order of the file.
 
     Parameters
     ----------

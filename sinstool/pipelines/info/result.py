@@ -121,12 +121,12 @@ class StillStretch:
 
 @dataclass(frozen=True)
 class InspectedImu:
-    """An Imu topic.
+    """An IMU topic.
 
     Attributes
     ----------
     topic, path : str
-        Its name, and where in the message the Imu is nested.
+        Its name, and where in the message the IMU is nested.
     n : int
         Samples in order, without repeated ones.
     rate_hz : float
@@ -181,7 +181,7 @@ class InspectedImu:
 
 @dataclass(frozen=True)
 class UnusableImu:
-    """An Imu topic without a usable sample.
+    """An IMU topic without a usable sample.
 
     Attributes
     ----------
@@ -246,7 +246,7 @@ class Inspection:
     topics : tuple of Topic
         All of them.
     imu : tuple of InspectedImu or UnusableImu
-        Each Imu topic.
+        Each IMU topic.
     process : Verdict
         What `process` would do.
     lost : LogLosses
@@ -261,7 +261,7 @@ class Inspection:
 
     @property
     def usable(self) -> tuple[InspectedImu, ...]:
-        """Imu topics that can be surveyed."""
+        """IMU topics that can be surveyed."""
         return tuple(imu for imu in self.imu if isinstance(imu, InspectedImu))
 
     @property

@@ -1,4 +1,4 @@
-"""Contents of a log: topics, the survey of each Imu topic, and the plan of `process`."""
+"""Contents of a log: topics, the survey of each IMU topic, and the plan of `process`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Shown:
     Attributes
     ----------
     samplings : list of Sampling
-        One of each Imu topic.
+        One of each IMU topic.
     """
 
     traffic: Traffic = field(default_factory=Traffic)
@@ -216,7 +216,7 @@ def _still(survey: Survey, options: InputOptions) -> tuple[result.StillStretch, 
 
 
 def _choice(log: Log, options: InputOptions) -> ImuTopic | TopicError:
-    """The Imu topic that `process` would take, or why there is none."""
+    """The IMU topic that `process` would take, or why there is none."""
     try:
         return choose_imu(log, options.imu_topic)
     except TopicError as exc:
@@ -239,7 +239,7 @@ def _verdict(
         # the name of the log has been said already
         return result.Verdict(False, choice.topic, str(exc).removeprefix(f"{log.path}: "), None)
     why = "" if choice.obvious else choice.reason
-    # What is odd about the Imu has been said with it
+    # What is odd about the IMU has been said with it
     odd = {finding.kind for finding in oddities(source.survey, config.input)}
     findings = (*source.findings, *plan.findings)
     more = tuple(f for f in findings if f.kind not in odd and f.kind != "imu-topic")

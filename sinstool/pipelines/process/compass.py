@@ -32,9 +32,9 @@ REFUSALS = {
     "short": "it has less than ten seconds of data",
     "size": "its field of {size:.3g} uT is not the Earth's (20 to 70 uT)",
     "disturbed": "strength and dip of its field agree in only {trusted:.0f} % of the time: it is"
-    " disturbed, or its axes are not the Imu's",
+    " disturbed, or its axes are not the IMU's",
     "scatter": "its headings scatter by {scatter:.0f} deg about those of the gyros: it may be"
-    " disturbed, or its axes are not the Imu's",
+    " disturbed, or its axes are not the IMU's",
     "steep": "its field dips by {dip:.0f} deg: too little of it is horizontal to show north",
 }
 

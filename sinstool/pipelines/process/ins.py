@@ -304,7 +304,7 @@ def _run_warnings(run: InsRun) -> list[str]:
         notes.append(run.settings.algorithm.caveat)
     if run.gaps_s:
         notes.append(
-            f"{run.gaps_s:.3g} s are without Imu data: short gaps are bridged with the values on"
+            f"{run.gaps_s:.3g} s are without IMU data: short gaps are bridged with the values on"
             " either side, longer ones at constant velocity"
         )
     if run.diverged_ns is not None:

@@ -108,13 +108,13 @@ class Output:
         Parameters
         ----------
         encoding : {'cdr', 'ros1'}
-            Of the input's Imu topic, which the output keeps unless it holds results only.
+            Of the input's IMU topic, which the output keeps unless it holds results only.
         computed : sequence of str
             What this kind of run writes unless the configuration says otherwise, of
             :data:`~sinstool.config.logs.EMITS`; beside it there are always Euler angles, poses and
             transforms.
         tf_parent : str, optional
-            Parent of the Imu's frame in the log's own transforms.
+            Parent of the IMU's frame in the log's own transforms.
 
         Raises
         ------

@@ -111,8 +111,8 @@ def _carry_out(
             written.note(diagnostics)
     if written.last is None:
         raise AlignmentError(
-            f"{source.path}: not one Imu sample lies after the run's start",
-            "check --start and --end, and the clocks of Imu and GNSS",
+            f"{source.path}: not one IMU sample lies after the run's start",
+            "check --start and --end, and the clocks of IMU and GNSS",
         )
     outcome = mode.conclude(written.last, sink)
     written.complete()

@@ -398,7 +398,7 @@ class Smoothing:
         if steady is not None and rate > STEADY_RATE and steady.duration_s > STEADY * self._moved:
             yield Finding(
                 "steady-rate",
-                f"the Imu shows a steady {rate / DEGREE:.2g} deg/s nearly all the time: either the"
+                f"the IMU shows a steady {rate / DEGREE:.2g} deg/s nearly all the time: either the"
                 " gyro bias at rest, which is assumed, or a steady turn, and then roll and pitch"
                 " are wrong by the angle between the specific force and the vertical",
                 answer="give --gyro-bias X,Y,Z, or record other motion too",

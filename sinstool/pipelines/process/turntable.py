@@ -141,7 +141,7 @@ def plan_turntable(log: Log, config: ProcessConfig) -> Plan:
     Raises
     ------
     TopicError
-        The log has not one Imu topic.
+        The log has not one IMU topic.
     """
     return turntable_plan(choose_imu(log, config.input.imu_topic).topic, config)
 

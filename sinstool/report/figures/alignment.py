@@ -136,7 +136,7 @@ def errors(alignment: LogAlignment) -> Figure:
         notes=(
             "Final answer: carried from the end of the segment to each fix. So far: the solver's"
             " answer from the fixes up to each time, where it is known to 1 deg.",
-            "If the reference belongs to another body than the Imu's, this shows the mounting"
+            "If the reference belongs to another body than the IMU's, this shows the mounting"
             " between them.",
         ),
     )

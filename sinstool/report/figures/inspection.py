@@ -21,7 +21,7 @@ def figures(
     Parameters
     ----------
     samplings : list of Sampling
-        Of the Imu topics.
+        Of the IMU topics.
     """
     imus = {imu.topic: imu for imu in inspection.usable}
     good = [one for one in samplings if one.topic in imus]

@@ -169,7 +169,7 @@ def fix_figures(
     off = np.stack([north, east, height - columns["altitude"]], axis=1)
     series = tuple(Series(name, off[:, k], style="points") for k, name in enumerate(AXES))
     notes = (
-        "Fix minus true position of the Imu at the fix's stamp; includes lever arm and latency.",
+        "Fix minus true position of the IMU at the fix's stamp; includes lever arm and latency.",
     )
     return [
         Figure("fix-error", "Error of the fixes", at, series, TIME, "error, m", notes=notes)

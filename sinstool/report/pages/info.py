@@ -67,7 +67,7 @@ def write_page(
 
 
 def _warnings(inspection: Inspection) -> tuple[str, ...]:
-    """Damage, then the findings of each Imu topic with their answers."""
+    """Damage, then the findings of each IMU topic with their answers."""
     texts = [f"lost: {part}" for part in inspection.lost.parts]
     lost = inspection.lost
     if lost.messages_declared is not None:
@@ -117,7 +117,7 @@ def _topics(inspection: Inspection) -> Table:
 
 
 def _sensors(good: Sequence[InspectedImu]) -> Table:
-    """One column for each Imu topic."""
+    """One column for each IMU topic."""
     rows: list[tuple[Cell, ...]] = []
 
     def row(name: str, unit: str, *texts: str) -> None:

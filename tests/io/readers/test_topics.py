@@ -47,7 +47,7 @@ TURNED = {"q_xyzw": (0.0, 0.6, 0.0, 0.8), "covariance": 0.0}
 
 
 def of_a_driver(topic, oriented, covered):
-    """Messages of a type of its own that names its fields as an Imu does."""
+    """Messages of a type of its own that names its fields as an IMU does."""
     types = get_typestore(Stores.ROS2_HUMBLE)
     fields = {"header": "std_msgs/Header", "temperature": "float32"}
     if oriented:
@@ -192,7 +192,7 @@ def test_a_type_with_the_fields_of_an_imu_is_read_as_one(tmp_path, oriented, cov
         assert np.isfinite(block.orientation).all()
     else:
         assert np.isnan(block.orientation).all()
-    # A plain Imu beside it is the sensor's own
+    # A plain IMU beside it is the sensor's own
     both = write_log(tmp_path / "c.mcap", [*messages, *imu("/imu")], types=types)
     assert chosen(both).topic == "/imu"
 
@@ -224,10 +224,10 @@ def test_no_imu_says_what_there_is(tmp_path):
 def test_a_wanted_topic_that_is_not_there_or_is_something_else(tmp_path):
     path = write_log(tmp_path / "a.mcap", [fix("/fix", TIMES[0]), *imu("/imu")])
     text = refused(path, "/imu2")
-    assert "no topic /imu2" in text and "Imu topics are /imu" in text
+    assert "no topic /imu2" in text and "IMU topics are /imu" in text
     assert f"topic /fix is {FIX_TYPE}, not sensor_msgs/Imu" in refused(path, "/fix")
     none = write_log(tmp_path / "b.mcap", [fix("/fix", TIMES[0])])
-    assert "no topic of this log carries an Imu" in refused(none, "/imu")
+    assert "no topic of this log carries an IMU" in refused(none, "/imu")
 
 
 def test_an_encoding_that_is_not_read_is_named(tmp_path):

@@ -1,4 +1,4 @@
-"""The mount of an Imu from a log's static transforms."""
+"""The mount of an IMU from a log's static transforms."""
 
 import numpy as np
 import pytest

@@ -86,7 +86,7 @@ def test_a_walker_begins_when_he_walks_and_not_when_he_runs_at_last():
 
 
 def circling(rate, bias, wander=0.0):
-    """A level vehicle that turns at such a rate, fast for 5 s of each minute; Imu and fixes."""
+    """A level vehicle that turns at such a rate, fast for 5 s of each minute; IMU and fixes."""
     seconds = np.arange(0, 130 * 50) / 50.0
     gyro = np.tile(np.array([0.0, 0.0, rate]) + bias, (len(seconds), 1))
     force = np.tile([0.0, 0.0, -9.81], (len(seconds), 1))

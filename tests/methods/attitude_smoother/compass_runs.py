@@ -100,7 +100,7 @@ def run(
     turn : tuple, optional
         Times and attitudes, instead of those that are drawn.
     body_of_field : callable, optional
-        What the magnetometer's axes make of the field in the Imu's.
+        What the magnetometer's axes make of the field in the IMU's.
     force_bias : float
         Of the accelerometer on all axes, m/s^2.
     blocks : int

@@ -17,7 +17,7 @@ RATE = 200
 
 
 def tilts(seed, spin, scale, seconds=60.0):
-    """Errors of tilt of an Imu in a wheel, rad, and their sigmas."""
+    """Errors of tilt of an IMU in a wheel, rad, and their sigmas."""
     rng = np.random.default_rng(seed)
     times = np.arange(int(seconds * RATE) + 1) / RATE
     speed = spin * (1.0 + 0.2 * np.sin(2.0 * np.pi * times / 40.0 + rng.uniform(0.0, 6.0)))

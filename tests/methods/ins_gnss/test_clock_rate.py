@@ -1,4 +1,4 @@
-"""Clocks of receivers that run faster or slower than the Imu's."""
+"""Clocks of receivers that run faster or slower than the IMU's."""
 
 from dataclasses import replace
 

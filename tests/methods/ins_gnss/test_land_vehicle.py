@@ -84,7 +84,7 @@ def test_the_estimate_turns_the_mount():
 
 
 def standing(rests, seconds=30.0, moving=0.0, bias=(0.0, 0.0, 0.0)):
-    """A filter whose Imu stands on the turning Earth, or is told so while it moves."""
+    """A filter whose IMU stands on the turning Earth, or is told so while it moves."""
     flown = Flown(duration=seconds)
     n = round(seconds * 1e9 / STEP_NS) + 2
     flags = np.full(n, rests)

@@ -18,7 +18,7 @@ SIGMA = np.array([15.0, 15.0, 100.0]) * DEGREE
 
 
 def at_rest(seconds, noise, random):
-    """Increments of an Imu at rest, forward axis to the north."""
+    """Increments of an IMU at rest, forward axis to the north."""
     n = round(seconds * RATE)
     step = 1.0 / RATE
     white = np.sqrt(step) * random.standard_normal((2, n, 3))

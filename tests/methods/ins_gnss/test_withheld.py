@@ -42,7 +42,7 @@ def solution(time_ns):
 def fixes(time_ns, off):
     """Fixes of an antenna from which the solution is off by so many m, NED."""
     place = line(time_ns)
-    away = TURN.apply(ARM) - off  # from the solution's Imu, m
+    away = TURN.apply(ARM) - off  # from the solution's IMU, m
     rm, rn = radii(place[:, 0])
     place[:, 1] += away[:, 1] / ((rn + place[:, 2]) * np.cos(place[:, 0]))
     place[:, 0] += away[:, 0] / (rm + place[:, 2])

@@ -58,7 +58,7 @@ def test_a_boat_whose_rest_feels_like_motion_never_rests():
 
 @pytest.mark.parametrize("rate", [0.02, 0.1, 0.3])
 def test_what_turns_on_the_spot_does_not_rest(rate):
-    """Smoothly, so that the Imu feels a bias: the attitude of the track turns on."""
+    """Smoothly, so that the IMU feels a bias: the attitude of the track turns on."""
     means, track, speed = a_drive()
     turns = (speed == 0.0) & (STEP * np.arange(len(speed)) % 120.0 > 60.0)
     means.rate[turns] += [0.0, 0.0, rate]
@@ -78,7 +78,7 @@ def test_what_turns_on_the_spot_does_not_rest(rate):
 def test_fixes_that_move_overrule_a_smooth_road():
     means, track, speed = a_drive()
     smooth = means.rate.copy(), means.force.copy()
-    steady = slice(180, 260)  # at 10 m/s, where the Imu feels nothing
+    steady = slice(180, 260)  # at 10 m/s, where the IMU feels nothing
     for values in smooth:
         values[steady] = values[500:580]
     rests = find_rests(Means(means.start_ns, *smooth), track)

@@ -98,7 +98,7 @@ def test_vehicles_are_north_referenced_from_their_first_sample(path):
 
 
 def mounted(path, spans):
-    """Attitudes of the vehicle by the reference in the Imu's axes, at the ends of alignments."""
+    """Attitudes of the vehicle by the reference in the IMU's axes, at the ends of alignments."""
     log, csv = real(path + ".mcap"), real(path + ".ref_att.csv")
     turns, answers = [], []
     for span in spans:
@@ -134,7 +134,7 @@ def mean_turn(turns):
     ],
 )
 def test_receivers_attitude_agrees(path, spans):
-    # The Imu's mounting is not known: one rotation for all spans, of which each knows its own
+    # The IMU's mounting is not known: one rotation for all spans, of which each knows its own
     # heading. The receiver's attitude is no truth either: its tilt is 1 to 2 deg off at first.
     turns, answers = mounted(path, spans)
     mount = mean_turn(turns)
@@ -153,7 +153,7 @@ def test_receivers_attitude_agrees(path, spans):
 
 
 def test_late_stamps_show_in_the_filters_residuals():
-    # Imu stamps are late by 0.125 s there: with fixes moved by as much residuals fall.
+    # IMU stamps are late by 0.125 s there: with fixes moved by as much residuals fall.
     log = real("rtk_drive/rtk_drive_mems_100hz.mcap")
     span = {"align_start": 232.0, "align_end": 432.0}
     listed = {}

@@ -247,7 +247,7 @@ def test_alignment_begins_later_where_the_first_motion_shows_nothing(tmp_path, s
 
 @pytest.mark.parametrize("seed", [0, 1, 5])
 def test_an_antenna_whose_place_is_not_given_is_estimated(tmp_path, seed):
-    """An excavator swings its antenna about: 2 deg off in tilt at 9 sigmas, with one at the Imu."""
+    """An excavator swings its antenna about: 2 deg off in tilt at 9 sigmas, with one at the IMU."""
     random = np.random.default_rng(seed)
     t = np.arange(0.0, 240.0, 1.0 / RATE)
 

@@ -224,7 +224,7 @@ def test_recorded_trials_have_their_north(tmp_path, trial):
 
 
 def test_recorded_logs_in_other_axes_are_refused(tmp_path):
-    # The magnetometer of this drone has other axes than its Imu.
+    # The magnetometer of this drone has other axes than its IMU.
     path = real("imu_tools/ardrone_imu.bag")
     result = process(path, tmp_path / "out.mcap", ProcessConfig())
     assert result.smoothing.magnetometer.refused == "disturbed"

@@ -168,7 +168,7 @@ def before_start_text(without_s: float, before_s: float) -> str:
     without_s, before_s : float
         From the log's first sample to the first solution, and to the start, s.
     """
-    carried = "the solution there is that of the start, carried back by the Imu alone"
+    carried = "the solution there is that of the start, carried back by the IMU alone"
     if without_s <= 0.0:
         return f"the first {before_s:.2f} s lie before the filter's start: {carried}"
     lost = f"the first {without_s:.2f} s lie before the filter's start and have no solution"

@@ -1,4 +1,4 @@
-"""Starts of a filter before and after an Imu gap that is too long to bridge.
+"""Starts of a filter before and after an IMU gap that is too long to bridge.
 
 How far a vehicle turned in such a gap is unknown, so the attitude is aligned from the data that
 follow, as at the start of a log. The estimated sensor errors are carried over. If a log's best
@@ -102,7 +102,7 @@ def start_before_gaps(
 
 
 def start_in_longest(source: Source, config: ProcessConfig, best: FilterStart) -> FilterStart:
-    """A start in the stretch of a log that shows most of its receiver and Imu: the longest one.
+    """A start in the stretch of a log that shows most of its receiver and IMU: the longest one.
 
     Parameters
     ----------
@@ -211,7 +211,7 @@ def start_after_gap(
             # With its own noise of fixes: the slow errors by rests are not added twice
             first, start, time_ns, how = planned, planned.start, planned.time_ns, planned.how
         else:
-            # Fixes may return later than the Imu; those just before the gap's end show velocities
+            # Fixes may return later than the IMU; those just before the gap's end show velocities
             after = first.gnss.rows((valid_ns >= begin_ns - JUST_BEFORE_NS) & ~first.withheld)
             found = find_start(
                 part, here, first.settings, StartFixes.of(after, first.settings.gnss)

@@ -40,7 +40,7 @@ from sinstool.survey.grade import BRIEF_REST_S
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
-# Drift without fixes over its sigma: beyond this, options make the Imu better than it is.
+# Drift without fixes over its sigma: beyond this, options make the IMU better than it is.
 MOST_DRIFT = 2.0
 # Decrease of -2 log likelihood with a worse grade beyond which a stated one is too good. What
 # innovations do not have in common with any model changes it by tens.
@@ -53,7 +53,7 @@ MOST_AT_REST, LEANS = 5.0, 3e-4
 MOST_TURNED, LEAST_TURNED, LEAST_BY_ARM = 4.0, 2.0 * DEGREE, 5.0 * DEGREE
 # The difference of two attitudes is this percentile over time.
 MOST_OF_IT = 90.0
-# Noise of velocities compared with the Imu, over the bound by the receiver's own positions, beyond
+# Noise of velocities compared with the IMU, over the bound by the receiver's own positions, beyond
 # which they do not fit.
 MOST_UNEXPLAINED = 1.3
 # Noise of gyros over that of a low-cost grade beyond which they are no gyros: 10 deg/sqrt(h) is six
@@ -167,7 +167,7 @@ def _late(start: FilterStart) -> bool:
 def _unexplained(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> float:
-    """Noise of velocities compared with the Imu, over the bound by the receiver's own positions.
+    """Noise of velocities compared with the IMU, over the bound by the receiver's own positions.
 
     If it is much more with any latency and lever arm, the attitude is wrong, or the fixes belong to
     another time.
@@ -230,7 +230,7 @@ def contradictions(start: FilterStart, survey: Sequence[Finding]) -> list[Findin
 
 
 def drifts_too_far(ratio: float) -> list[Finding]:
-    """A drift without fixes that is far more than the options about the Imu allow.
+    """A drift without fixes that is far more than the options about the IMU allow.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def drifts_too_far(ratio: float) -> list[Finding]:
         Finding(
             "imu-options",
             f"without fixes, the navigation drifts {ratio:.1f} times as far as the options about"
-            " the Imu allow: do not trust the attitude and its sigmas",
+            " the IMU allow: do not trust the attitude and its sigmas",
             Severity.LOST,
             "leave --imu-grade, --imu-noise, --arw and --vrw out, or correct them",
             numbers={"drift_over_sigma": ratio},
@@ -252,14 +252,14 @@ def drifts_too_far(ratio: float) -> list[Finding]:
 
 
 def far_likelier(start: FilterStart) -> list[Finding]:
-    """A worse grade of the Imu with which the fixes are far likelier than with the stated one."""
+    """A worse grade of the IMU with which the fixes are far likelier than with the stated one."""
     if start.likelier is None:
         return []
     other, stated = start.likelier.grade, start.grade.grade
     return [
         Finding(
             "imu-options",
-            f"the fixes are far likelier with an Imu of grade {other} than with --imu-grade"
+            f"the fixes are far likelier with an IMU of grade {other} than with --imu-grade"
             f" {stated}: do not trust the sigmas",
             Severity.LOST,
             "leave --imu-grade out, or correct it",
@@ -269,7 +269,7 @@ def far_likelier(start: FilterStart) -> list[Finding]:
 
 
 def denied_at_rest(start: FilterStart) -> list[Finding]:
-    """Gyros whose bias at rest is far beyond what options about the Imu allow.
+    """Gyros whose bias at rest is far beyond what options about the IMU allow.
 
     The heading of such gyros follows from the Earth's rate, and their bias from motion.
     """
@@ -279,7 +279,7 @@ def denied_at_rest(start: FilterStart) -> list[Finding]:
         Finding(
             "imu-options",
             f"at rest, the bias of the gyros is at least {start.bias_at_rest:.0f} times the sigma"
-            " that the options about the Imu give it: do not trust the attitude and its sigmas",
+            " that the options about the IMU give it: do not trust the attitude and its sigmas",
             Severity.LOST,
             "leave --imu-grade and --imu-noise out, correct them, or give --sigma-bg",
             numbers={"bias_over_sigma": start.bias_at_rest},
@@ -316,7 +316,7 @@ def turned_by_offsets(start: FilterStart) -> list[Finding]:
 
 
 def unexplained_velocities(start: FilterStart) -> list[Finding]:
-    """Velocities that fit the receiver's own positions, and not the Imu."""
+    """Velocities that fit the receiver's own positions, and not the IMU."""
     if start.unexplained <= MOST_UNEXPLAINED:
         return []
     return [
@@ -356,7 +356,7 @@ def impossible_gyros(start: FilterStart) -> list[Finding]:
 
 
 def of_another_clock(survey: Sequence[Finding], start: FilterStart) -> list[Finding]:
-    """Fixes stamped by another clock than the Imu's, unless the motion shows that they fit.
+    """Fixes stamped by another clock than the IMU's, unless the motion shows that they fit.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ def filter_settings(
     model: GnssModel,
     reference: HeightReference | None,
 ) -> Settings:
-    """Settings of a filter for a log, as options and the judged grade of the Imu have them."""
+    """Settings of a filter for a log, as options and the judged grade of the IMU have them."""
     options, grade = config.filter, judged.grade
     damping = None
     if reference is not None and options.filter.startswith("network"):
@@ -116,7 +116,7 @@ def _walks_at_rest(source: Source) -> tuple[float, float] | None:
 
 
 def _of_grade(config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
-    """Errors of a grade, or of a low-cost Imu that is calibrated in part."""
+    """Errors of a grade, or of a low-cost IMU that is calibrated in part."""
     if grade.uncalibrated is None:
         return imu_noise(config, grade.grade, has_scales(config))
     bare, calibrated = (imu_noise(config, one, has_scales(config)) for one in LOW_COST)
@@ -185,12 +185,12 @@ def barometer(source: Source, config: ProcessConfig) -> tuple[HeightReference | 
 
 
 def imu_stated(config: ProcessConfig) -> bool:
-    """Whether options say how good the Imu is."""
+    """Whether options say how good the IMU is."""
     return config.navigation.imu_grade != "auto" or noise_stated(config)
 
 
 def noise_stated(config: ProcessConfig) -> bool:
-    """Whether options give the noise of the Imu in figures."""
+    """Whether options give the noise of the IMU in figures."""
     walks = (config.in_flight.arw, config.in_flight.vrw)
     return config.navigation.imu_noise is not None or any(walk is not None for walk in walks)
 

@@ -60,7 +60,7 @@ class WhiteNoise:
 
 @dataclass(frozen=True)
 class LikelierGrade:
-    """Another grade of an Imu, and by how much it lowers -2 log likelihood."""
+    """Another grade of an IMU, and by how much it lowers -2 log likelihood."""
 
     grade: Grade
     gain: float
@@ -75,7 +75,7 @@ class FilterStart:
     settings, start : Settings, Start
         Of the filter.
     time_ns : int
-        Of an Imu sample, at which the first update of the filter begins.
+        Of an IMU sample, at which the first update of the filter begins.
     how : str
         Source of the start, in words.
     alignment : Alignment
@@ -93,7 +93,7 @@ class FilterStart:
     lag : float
         By which velocities are stamped later than positions, s.
     grade : ImuGrade
-        Of the Imu, with the reason.
+        Of the IMU, with the reason.
     gnss_why : str
         Noise of the fixes and its source, in words.
     warnings : tuple of str
@@ -116,12 +116,12 @@ class FilterStart:
     unseen_m : float, optional
         Up to which size slow errors of positions would not show in the log, m; 0 if none is unseen.
     drifts : float, optional
-        Drift without fixes over its sigma, if options give the noise of the Imu; 1 where it is not
+        Drift without fixes over its sigma, if options give the noise of the IMU; 1 where it is not
         clearly more.
     likelier : LikelierGrade or None, optional
         A worse grade than that of an option, if innovations are far likelier with it.
     bias_at_rest : float, optional
-        Least gyro bias at rest over its sigma, if options give the errors of the Imu; 0 without a
+        Least gyro bias at rest over its sigma, if options give the errors of the IMU; 0 without a
         rest.
     turned : tuple of float, optional
         Distance of the attitude, in sigmas and in rad, from that with the latency and lever arm of
@@ -130,7 +130,7 @@ class FilterStart:
         By how much another first attitude than the configured one lowers -2 log likelihood; 0 if
         none is clearly likelier.
     unexplained : float, optional
-        Noise of velocities compared with the Imu, over the most that the positions of the same
+        Noise of velocities compared with the IMU, over the most that the positions of the same
         receiver allow, with the latency and lever arm of the log.
     noisier_gyros : float, optional
         Noise of low-cost gyros by the drift without fixes, over that of their grade.
@@ -193,7 +193,7 @@ class FilterStart:
     def by_the_fixes(self) -> FilterStart:
         """With the estimated lever arm and latency where the log contradicts those in use.
 
-        For judging noise: errors of a wrong option would be attributed to the Imu or the fixes.
+        For judging noise: errors of a wrong option would be attributed to the IMU or the fixes.
         """
         shown, settings = self.offsets, self.settings
         if shown is None:

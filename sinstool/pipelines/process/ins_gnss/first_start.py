@@ -84,7 +84,7 @@ def first_start(
 
 @dataclass(frozen=True)
 class _Aiding:
-    """Measurements of a filter beside the Imu, which do not depend on its grade.
+    """Measurements of a filter beside the IMU, which do not depend on its grade.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ def _start_as(
     config: ProcessConfig,
     aiding: _Aiding,
 ) -> FilterStart:
-    """A first start with a grade of the Imu; `aligned_by` is the configuration for alignment."""
+    """A first start with a grade of the IMU; `aligned_by` is the configuration for alignment."""
     settings = filter_settings(source, config, grade, aiding.model, aiding.reference)
     latency, found = _first_latency(source, aligned_by, settings, aiding.fixes)
     best = FilterStart(
@@ -184,7 +184,7 @@ def _first_fix_warnings(gnss: GnssEpochs) -> list[str]:
 def regraded(
     source: Source, config: ProcessConfig, first: FilterStart, grade: ImuGrade
 ) -> FilterStart:
-    """A first start with another grade of the Imu, but the first attitude of the one before.
+    """A first start with another grade of the IMU, but the first attitude of the one before.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def regraded(
 def as_graded(
     source: Source, config: ProcessConfig, start: FilterStart, grade: ImuGrade
 ) -> FilterStart:
-    """A start with another grade of the Imu, everything else unchanged."""
+    """A start with another grade of the IMU, everything else unchanged."""
     settings = filter_settings(source, config, grade, start.settings.gnss, start.reference)
     settings = replace(start.settings, imu=settings.imu, control=settings.control)
     return replace(start, settings=replace(settings, grade=grade.grade), grade=grade)

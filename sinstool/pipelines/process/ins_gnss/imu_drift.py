@@ -1,6 +1,6 @@
-"""Noise of an Imu, estimated from the drift of its navigation where fixes are left out.
+"""Noise of an IMU, estimated from the drift of its navigation where fixes are left out.
 
-From one fix to the next even a poor Imu drifts by less than the errors of the fixes. In the first
+From one fix to the next even a poor IMU drifts by less than the errors of the fixes. In the first
 seconds without fixes mostly the noise of the accelerometers shows, later that of the gyros, which
 tilts the navigation: errors after several times separate the two. Accelerometer scale factors that
 wander show in the vertical, where gravity always acts. All are estimated by the likelihood of these
@@ -58,7 +58,7 @@ LONGEST_STEP_S = 1.5
 LOOKS = (0.1, 0.35, 1.0)
 LEAST_WINDOWS = 4
 # A window counts if the vehicle moves by more than LEAST_WAY, m, plus so many sigmas of the fixes:
-# otherwise it shows the Imu at rest.
+# otherwise it shows the IMU at rest.
 LEAST_WAY, LEAST_WAY_SIGMAS = 10.0, 6.0
 # In a window without a stop the vehicle moves in each of so many parts; so many windows are enough.
 PARTS, LEAST_DRIVEN = 10, 6
@@ -210,7 +210,7 @@ def shown_increments(
 def shaking(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> Shaking | None:
-    """Noise of an Imu that is shaken while the vehicle stands, which is not its noise in motion."""
+    """Noise of an IMU that is shaken while the vehicle stands, which is not its noise in motion."""
     shown = shown_increments(source, config, algorithm, start, None)
     if shown is None:
         return None
@@ -242,7 +242,7 @@ class Drift:
         self._measured = config.navigation.imu_noise is not None
         rest = _noise_at_rest(source, start)
         self._white = _white_noise(source, start, rest)
-        # Noise at rest may come from an engine or people, not from the Imu
+        # Noise at rest may come from an engine or people, not from the IMU
         self._shaken = bool(np.any(rest > LEAST_CHANGE))
         self._guess = rest if np.all(rest > 0.0) and not self._shaken else None
         self._increments = shown_increments(source, config, algorithm, start)
@@ -426,7 +426,7 @@ class Drift:
     def _moved(self, epochs: GnssDiagnostics, begin: np.ndarray, end: np.ndarray) -> BoolArray:
         """Windows in which the vehicle moves; only those without a stop, if it is shaken at rest.
 
-        An engine or people that shake a vehicle at rest are not noise of the Imu.
+        An engine or people that shake a vehicle at rest are not noise of the IMU.
         """
         times = epochs.time_ns[begin], epochs.time_ns[end]
         moved = self._travels(*times, LEAST_WAY)

@@ -1,6 +1,6 @@
-"""Whether the Imu is as good as its grade, judged by innovations.
+"""Whether the IMU is as good as its grade, judged by innovations.
 
-From fix to fix even a poor Imu drifts by less than the errors of the fixes; its drift in an outage
+From fix to fix even a poor IMU drifts by less than the errors of the fixes; its drift in an outage
 shows only where fixes are left out: see :mod:`~sinstool.pipelines.process.ins_gnss.imu_drift`.
 """
 

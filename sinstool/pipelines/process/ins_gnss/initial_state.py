@@ -116,7 +116,7 @@ def find_start(
         unsure = exc.uncertain and config.navigation.imu_grade == "auto"
         if unsure and bias_at_rest(source) is None:
             hint = (
-                f"{hint or 'give an initial attitude'}, or set the grade of the Imu with"
+                f"{hint or 'give an initial attitude'}, or set the grade of the IMU with"
                 " --imu-grade"
             )
         raise AlignmentError(message, hint, exc.uncertain, exc.consistent) from exc
@@ -172,7 +172,7 @@ def _sample(source: Source, config: ProcessConfig, time_ns: int) -> Imu:
     """The first sample from a time on."""
     for block in rate_blocks(source, config, time_ns):
         return block.rows(slice(0, 1))
-    raise AlignmentError("GNSS begins after the last Imu sample", "check the clocks")
+    raise AlignmentError("GNSS begins after the last IMU sample", "check the clocks")
 
 
 def _followed(source: Source, config: ProcessConfig, time_ns: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Another grade of an Imu than its noise shows, by innovations and by drift.
+"""Another grade of an IMU than its noise shows, by innovations and by drift.
 
 White noise says little of scale factors, misalignments and biases. As a vehicle turns and
 accelerates these show in the innovations of a filter that models them; the errors of the sensors
@@ -41,14 +41,14 @@ from sinstool.survey.source import Source
 # A better grade is tried where the gyros' noise is below this share of the grade's, and taken where
 # -2 log likelihood is smaller by LEAST_GAIN: odds of e^5 to 1.
 QUIETER, LEAST_GAIN = 0.7, 10.0
-# The shares of calibration error that are tried for low-cost Imus: 0 is a calibrated module, which
+# The shares of calibration error that are tried for low-cost IMUs: 0 is a calibrated module, which
 # may be as good as an industrial one, and 1 a bare chip.
 SHARES = (0.0, 0.5, 1.0)
 # Another share is likelier with odds of e to 1 if its log likelihood is larger by this: what
 # innovations do not have in common with a model changes their likelihood by tens of nat.
 DOUBT = 2.0
 # Least log odds by which a small bias at rest speaks for a calibration: drivers remove biases of
-# Imus that nobody has calibrated.
+# IMUs that nobody has calibrated.
 LEAST_LOG_ODDS = -1.0
 # A share this close to 0 or 1 counts as that.
 NEARLY = 0.1
@@ -86,7 +86,7 @@ class GradeFits:
         return self._fit(grade, self.sensors(grade))
 
     def uncalibrated_by(self, share: float) -> Fit | None:
-        """Fit of low-cost sensors between a calibrated Imu, 0, and a bare chip, 1."""
+        """Fit of low-cost sensors between a calibrated IMU, 0, and a bare chip, 1."""
         if share in (0.0, 1.0):
             return self.of("consumer" if share else "mems")
         bare, calibrated = (self.sensors(grade) for grade in LOW_COST)
@@ -105,9 +105,9 @@ class GradeFits:
 
 
 def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
-    """How well a low-cost Imu is calibrated, by its innovations and its bias at rest.
+    """How well a low-cost IMU is calibrated, by its innovations and its bias at rest.
 
-    The noise of calibrated Imus and of bare chips is the same, but scale factors and misalignments
+    The noise of calibrated IMUs and of bare chips is the same, but scale factors and misalignments
     of bare chips are ten to fifty times as large. A level vehicle does not show them all, and those
     that it shows may be small by chance. So the same size is assumed of all: the mean square over
     the shares, weighted by their likelihood.
@@ -115,7 +115,7 @@ def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
     Returns
     -------
     ImuGrade or None
-        None where the Imu is a better one, the user gave its noise, or there are too few fixes.
+        None where the IMU is a better one, the user gave its noise, or there are too few fixes.
     """
     if fits.start.grade.grade not in LOW_COST or fits.config.navigation.imu_noise is not None:
         return None
@@ -146,7 +146,7 @@ def uncalibrated_share(cost: FloatArray, log_odds: float) -> float:
     cost : ndarray, shape (3,)
         -2 log likelihood of each of them.
     log_odds : float
-        Log of the odds, by all other evidence, that the Imu is a bare chip.
+        Log of the odds, by all other evidence, that the IMU is a bare chip.
     """
     shares = np.array(SHARES)
     log_weight = 0.5 * (cost.min() - cost) / DOUBT + log_odds * shares

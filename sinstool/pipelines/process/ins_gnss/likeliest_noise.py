@@ -1,4 +1,4 @@
-"""The likeliest noise of an Imu, by the errors of its navigation in several runs.
+"""The likeliest noise of an IMU, by the errors of its navigation in several runs.
 
 A run takes a thousand times as long as everything else here, so few are made: the variance of an
 error is a sum of parts, each proportional to the square of one factor, and four runs give these

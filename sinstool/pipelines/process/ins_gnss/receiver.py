@@ -33,7 +33,7 @@ LEAST_SLOW = 0.1
 LEAST_POSITION, LEAST_VELOCITY = 0.005, 0.005
 # The part of a stated sigma beyond `WORSE` times the usual one is an error that lasts so long, s.
 WORSE_S = 10.0
-# Stamps of receiver and Imu are no better than this, s: the distance moved in this time is white
+# Stamps of receiver and IMU are no better than this, s: the distance moved in this time is white
 # noise of a position.
 STAMP_S = 0.003
 AS_STATED = "as the receiver states"

@@ -165,7 +165,7 @@ class FilterRun(Mode):
     def _begin_with_clock(self, clock: ClockRate) -> bool:
         """Begin anew with stamps corrected for the rate of the receiver's clock; False if no start.
 
-        Where the latency changes, fixes seem to wander and the Imu to drift: the noise of the first
+        Where the latency changes, fixes seem to wander and the IMU to drift: the noise of the first
         start is too large.
         """
         aiding, algorithm = self.source.aiding, self.plan.algorithm
@@ -347,7 +347,7 @@ class FilterRun(Mode):
         if not self._gnss:
             return []
         p, gnss = self._start, concatenate(self._gnss)
-        # After a gap of the Imu the filter begins anew, whatever the fixes
+        # After a gap of the IMU the filter begins anew, whatever the fixes
         events = Counter(event.kind for event in events_of(self._stretches))
         restarts = events["restart"] + events["covariance-lost"]
         updates = concatenate(self._first) if not restarts else self._plain_first()

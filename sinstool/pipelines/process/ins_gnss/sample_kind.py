@@ -1,6 +1,6 @@
 """Whether samples are means until their stamps, where fixes are good enough to show it.
 
-Means and rates at the stamps differ by half a sample in time, and in nothing else. An Imu alone
+Means and rates at the stamps differ by half a sample in time, and in nothing else. An IMU alone
 does not show this time, and fixes show it only together with the latency of the receiver. But the
 stamps of most receivers are right: if the log shows no latency, or one of minus half a sample, and
 the fixes are clearly likelier with means, samples are read as means.
@@ -78,7 +78,7 @@ def with_sample_kind(
     # No fix is valid after its stamp: with means the latency has to vanish
     if other.latency_status != "given" and other.settings.gnss_latency != 0.0:
         return same
-    text = "the fixes show that samples of the Imu are means until their stamps"
+    text = "the fixes show that samples of the IMU are means until their stamps"
     log_choice("gyro samples", f"{MEANS}: {text}")
     note = f"{text}, and they are read as such (--gyro-kind overrides this)"
     return means, begun, other, [Finding("gyro-kind-used", note, Severity.NOTE)]

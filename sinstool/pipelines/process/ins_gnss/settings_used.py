@@ -55,7 +55,7 @@ def notes(
         rate, sigma, span = 1e6 * start.clock.rate, 1e6 * start.clock.sigma, start.clock.span_s
         note(
             "clock-rate",
-            f"the receiver's clock runs {'faster' if rate > 0.0 else 'slower'} than the Imu's by"
+            f"the receiver's clock runs {'faster' if rate > 0.0 else 'slower'} than the IMU's by"
             f" {abs(rate):.1f} ppm (sigma {sigma:.1f}), {1e-3 * abs(rate) * span:.0f} ms in"
             f" {span:.0f} s, as the log shows: the stamps of fixes are corrected accordingly"
             " (--gnss-latency overrides this)",
@@ -148,7 +148,7 @@ def about_options(
 
 
 def _completed(finding: Finding, config: ProcessConfig) -> Finding:
-    """A finding about Imu noise, with its other possible cause: too little noise of the fixes."""
+    """A finding about IMU noise, with its other possible cause: too little noise of the fixes."""
     if finding.kind != "imu-noise" or config.filter.gnss_noise_scale >= 1.0:
         return finding
     more = "; or --gnss-noise-scale is too small"

@@ -1,9 +1,9 @@
-"""Slow errors of fixes, estimated with an Imu that drifts less than they wander.
+"""Slow errors of fixes, estimated with an IMU that drifts less than they wander.
 
 A receiver states the size of its errors, not their correlation; often it states their white part
 only. Errors that last for minutes move the navigation with them, and single innovations hardly show
 that. All innovations together do: they are most likely with the right size of the slow errors
-(Schweppe 1965). Whether the fixes wander or the Imu drifts follows from the same likelihood, so
+(Schweppe 1965). Whether the fixes wander or the IMU drifts follows from the same likelihood, so
 pairs of both are compared.
 
 References
@@ -32,7 +32,7 @@ from sinstool.pipelines.process.ins_gnss.imu_fit import unlikely
 # Factors on the sigmas are powers of STEP, up to MOST_STEPS.
 STEP, MOST_STEPS = 2.0, 10
 # By how much -2 log likelihood must fall before slow errors are enlarged: four sigmas of one
-# parameter, as no model of an Imu is quite right. Larger errors that raise it by less than the
+# parameter, as no model of an IMU is quite right. Larger errors that raise it by less than the
 # second would not show.
 LEAST_GAIN, NOT_SHOWN = 16.0, 4.0
 # By chance larger ones lower it by this in one log of 20: half of a chi-square of one degree, as
@@ -71,7 +71,7 @@ def with_slow_errors(
     increments : Increments or None
         From the start on, for some minutes.
     shaken : Shaking, optional
-        Noise of an Imu that is shaken while its vehicle stands, so that it is not attributed to the
+        Noise of an IMU that is shaken while its vehicle stands, so that it is not attributed to the
         fixes.
 
     Returns

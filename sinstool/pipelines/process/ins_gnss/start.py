@@ -52,7 +52,7 @@ from sinstool.survey.grade import ImuGrade, to_align_as
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
-# If the navigation drifts this many times as far as its sigmas, the Imu is of a worse grade.
+# If the navigation drifts this many times as far as its sigmas, the IMU is of a worse grade.
 OTHER_GRADE = 2.0
 
 
@@ -65,7 +65,7 @@ def timed_start(
 ) -> FilterStart:
     """A start with latency, noise and grade estimated by runs of the filter, unless configured.
 
-    These are the receiver's latency, the white share of its noise, and a grade of the Imu that
+    These are the receiver's latency, the white share of its noise, and a grade of the IMU that
     innovations and drift do not contradict.
 
     Parameters
@@ -79,7 +79,7 @@ def timed_start(
     if config.navigation.imu_grade == "auto":
         first, start = _fitted(source, config, algorithm, first, start)
         start = _drifting(source, config, algorithm, first, start)
-        # With a poor Imu the slow errors of fixes do not show: once more with a better one
+        # With a poor IMU the slow errors of fixes do not show: once more with a better one
         start = _wandering(source, config, algorithm, start)
     start = with_likeliest(source, config, algorithm, start, start.by_the_fixes)
     # Contradictions are judged without allowing for what does not show
@@ -169,7 +169,7 @@ def _wandering(
 ) -> FilterStart:
     """A start with slow errors of fixes as large as innovations show them.
 
-    Not if options give the noise of the fixes, or that of the Imu in figures: a wrong value for one
+    Not if options give the noise of the fixes, or that of the IMU in figures: a wrong value for one
     would be attributed to the other. So would what a grade lacks that an option gives: the slow
     errors are those that are likeliest with it or with a worse one.
     """
@@ -203,7 +203,7 @@ def _fitted(
     first: FilterStart,
     start: FilterStart,
 ) -> tuple[FilterStart, FilterStart]:
-    """A start with a worse grade of the Imu, if innovations refute the grade by its noise at rest.
+    """A start with a worse grade of the IMU, if innovations refute the grade by its noise at rest.
 
     White noise at rest says little about biases and scale factors, and does not include vibration.
 
@@ -213,7 +213,7 @@ def _fitted(
         Both with that grade.
     """
     shown = fit(source, config, algorithm, start.by_the_fixes)
-    # Errors of the Imu may have been taken for slow errors of fixes: the likelier ones are kept
+    # Errors of the IMU may have been taken for slow errors of fixes: the likelier ones are kept
     while shown is not None and (shown.doubted or max(start.slow_errors) > 1.0):
         worse = next_worse(start.grade.grade)
         if worse is None:
@@ -244,7 +244,7 @@ def _drifting(
     first: FilterStart,
     start: FilterStart,
 ) -> FilterStart:
-    """A start with the grade and noise of the Imu that explain the drift without fixes.
+    """A start with the grade and noise of the IMU that explain the drift without fixes.
 
     Parameters
     ----------
@@ -328,7 +328,7 @@ def _calibrated(
     drift: Drift,
     fits: GradeFits,
 ) -> tuple[FilterStart, FilterStart, Drift, GradeFits]:
-    """A start with a low-cost Imu that is calibrated as well as innovations show.
+    """A start with a low-cost IMU that is calibrated as well as innovations show.
 
     Parameters
     ----------
@@ -356,9 +356,9 @@ def _as_judged(
 ) -> tuple[FilterStart, FilterStart]:
     """A first start and a start with the grade that innovations show.
 
-    The Imu is aligned anew with that grade, unless the grade is unchanged, the attitude is then too
+    The IMU is aligned anew with that grade, unless the grade is unchanged, the attitude is then too
     uncertain for a start, or the fixes are clearly likelier with the attitude, latency and arm of
-    before: latency and arm belong to the receiver, whatever the Imu.
+    before: latency and arm belong to the receiver, whatever the IMU.
     """
     before = start.grade.grade
     kept = replace(judged, why=f"{start.grade.why}; {judged.why}", aligned_as=before)
@@ -399,7 +399,7 @@ def _less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> F
 def _begun_as(
     source: Source, config: ProcessConfig, first: FilterStart, grade: ImuGrade, lag: float
 ) -> FilterStart:
-    """A first start with another grade of the Imu, aligned with that grade if possible.
+    """A first start with another grade of the IMU, aligned with that grade if possible.
 
     Not if it needs a larger latency: an alignment that is too uncertain at the right latency may
     pass with a wrong one.

@@ -39,7 +39,7 @@ def untrusted(
     -------
     list of Finding
         Lost, where filter and fixes disagreed: the user has to look there before the solution is
-        used. After a gap of the Imu sigmas say how little is known, which is a warning.
+        used. After a gap of the IMU sigmas say how little is known, which is a warning.
     """
     stretches = _stretches(gnss, events)
     findings = [_stretch(*span, first_ns) for span in stretches[:MOST_NAMED]]
@@ -125,7 +125,7 @@ def marked(
 
 
 def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tuple[int, int, bool]]:
-    """Begin and end of the stretch before each restart, and whether an Imu gap caused it."""
+    """Begin and end of the stretch before each restart, and whether an IMU gap caused it."""
     spans: list[tuple[int, int, bool]] = []
     for event in events:
         gap = event.kind in ("imu-gap-restart", "imu-gap-new-start")
@@ -162,7 +162,7 @@ def _stretch(
     begin: int, end: int, gap: bool, first_ns: int, text: str = "the solution is not to be trusted"
 ) -> Finding:
     why = (
-        "the Imu has a gap, after which the filter restarted"
+        "the IMU has a gap, after which the filter restarted"
         if gap
         else "fixes were rejected until the filter restarted"
     )

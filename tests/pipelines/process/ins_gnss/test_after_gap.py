@@ -1,4 +1,4 @@
-"""Long gaps of the Imu, and sensors worse than their noise at rest: found anew, or found worse."""
+"""Long gaps of the IMU, and sensors worse than their noise at rest: found anew, or found worse."""
 
 import json
 from dataclasses import replace
@@ -146,7 +146,7 @@ def test_a_gap_of_some_seconds_needs_a_new_start_too(tmp_path):
 
 @pytest.mark.slow
 def test_innovations_refute_a_grade_that_quiet_gyros_suggest(tmp_path, sinstool):
-    """An industrial Imu that never rests has a tactical one's white noise: 468 m off before."""
+    """An industrial IMU that never rests has a tactical one's white noise: 468 m off before."""
     truth = flight(seed=2, duration=300.0)
     log = write(tmp_path / "flight.mcap", record(truth, GRADES["industrial"], 2))
     out = tmp_path / "out.mcap"

@@ -57,4 +57,4 @@ def test_fixes_that_begin_late(tmp_path):
         assert most < 4.5 and mean < 3.0
         mean, most = nees(*errors(log, early)["position"])
         assert most < 4.5
-        assert any("carried back by the Imu alone" in w for w in chosen["warnings"])
+        assert any("carried back by the IMU alone" in w for w in chosen["warnings"])

@@ -98,7 +98,7 @@ def heading_off(log, truth):
 @pytest.mark.parametrize("rate, sigma_v", [(1.0, None), (1.0, 0.05), (5.0, None), (10.0, 0.03)])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_slow_robot_with_fixes_of_a_centimetre_shows_its_heading(tmp_path, rate, sigma_v, seed):
-    """However its Imu is mounted, and whether it goes forwards or backwards: all were refused.
+    """However its IMU is mounted, and whether it goes forwards or backwards: all were refused.
 
     Its few changes of velocity are worth less than the sensors' errors, until these are estimated
     with the heading.

@@ -1,4 +1,4 @@
-"""How noisy an Imu is, by its drift where fixes are left out."""
+"""How noisy an IMU is, by its drift where fixes are left out."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -158,7 +158,7 @@ def test_what_chance_makes_of_one_is_one():
     ("driven", "shaken"), [(LEAST_DRIVEN - 1, True), (LEAST_DRIVEN, True), (LEAST_DRIVEN, False)]
 )
 def test_windows_with_a_stop_that_shakes_do_not_count_where_enough_have_none(driven, shaken):
-    """What shakes a car at a traffic light is none of the Imu's noise."""
+    """What shakes a car at a traffic light is none of the IMU's noise."""
     seconds = np.arange(0.0, 20.0 * (driven + 2) + 1.0)
     speed = np.where((seconds > 6.0) & (seconds < 12.0), 0.0, 10.0)  # a stop in the first window
     speed[-21:] = 0.0  # and one that lasts for all of the last

@@ -1,4 +1,4 @@
-"""A quiet Imu whose biases are not those of the grade that its noise at rest looks like."""
+"""A quiet IMU whose biases are not those of the grade that its noise at rest looks like."""
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -46,7 +46,7 @@ from tests.helpers.unseen_errors import crossed
 @pytest.mark.parametrize(("grade", "expected"), [("industrial", "industrial"), ("tactical", None)])
 def test_what_drifts_as_a_worse_grade_is_taken_for_one(tmp_path, grade, expected):
     data = record(drive(9, 260.0, 20.0), GRADES[grade], 32, gnss_rate=10.0, sigma=0.9)
-    if expected is None:  # bad fixes refute no Imu
+    if expected is None:  # bad fixes refute no IMU
         data = with_outliers(data, 31)
     log = write(tmp_path / "log.mcap", data)
     gnss = {"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0}

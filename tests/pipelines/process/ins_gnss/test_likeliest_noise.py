@@ -1,4 +1,4 @@
-"""The likeliest noise of an Imu, by errors and sigmas of few runs."""
+"""The likeliest noise of an IMU, by errors and sigmas of few runs."""
 
 import numpy as np
 import pytest

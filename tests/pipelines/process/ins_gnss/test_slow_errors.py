@@ -1,4 +1,4 @@
-"""Slow errors of fixes that an Imu shows, and those that it cannot."""
+"""Slow errors of fixes that an IMU shows, and those that it cannot."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def started(folder, seed, times, time=100.0, grade="tactical", **options):
 
 @pytest.mark.parametrize(("seed", "times"), [(1, 4.0), (2, 2.0), (3, 8.0)])
 def test_a_wander_that_the_receiver_does_not_state(tmp_path, seed, times):
-    """It left a navigation 11 sigmas off, and the Imu taken for a poor one.
+    """It left a navigation 11 sigmas off, and the IMU taken for a poor one.
 
     Of a Gauss-Markov process of another correlation time, over minutes, the rate of change shows.
     """
@@ -90,7 +90,7 @@ def test_a_filter_without_states_for_slow_errors_has_them_in_its_sigmas(tmp_path
 
 
 def navigated(folder, seed, times):
-    """Errors of positions over their sigmas, rms by axis, beside a shaken Imu in five minutes."""
+    """Errors of positions over their sigmas, rms by axis, beside a shaken IMU in five minutes."""
     truth = drive(seed, 300.0, 5.0)
     data = record(truth, GRADES["industrial"], seed, gnss_rate=2.0, sigma=3.0)
     data = shaken(data, seed, 1.0, 0.02)

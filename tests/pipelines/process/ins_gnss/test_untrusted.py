@@ -68,7 +68,7 @@ def test_the_fix_with_which_a_filter_restarts_does_not_end_its_doubts(apart):
 
 def test_a_gap_is_a_warning():
     findings = untrusted(epochs(), [FilterEvent("imu-gap-restart", 60 * SECOND, 8.0)], 1.0, 0)
-    assert "from 60.0 to 68.0 s: the Imu has a gap" in findings[0].text
+    assert "from 60.0 to 68.0 s: the IMU has a gap" in findings[0].text
     assert exit_status(findings) == 0
 
 

@@ -261,7 +261,7 @@ def test_what_cannot_be_is_refused(options, named):
 
 
 def with_transform(path, out, roll, pitch, yaw):
-    """A log with a static transform that puts the Imu at these angles (forward, right, down)."""
+    """A log with a static transform that puts the IMU at these angles (forward, right, down)."""
     flip = np.diag([1.0, -1.0, -1.0])
     angles = np.radians([roll, pitch, yaw])
     c_flu = flip @ to_dcm(from_euler(angles)) @ flip
@@ -302,6 +302,6 @@ def test_a_transform_is_turned_into_the_axes_of_the_imu():
     forward_left_up = Rotation.from_euler("ZYX", [-30.0, 20.0, 10.0], degrees=True).as_quat()
     q = np.roll(forward_left_up, 1)
     assert np.allclose(mount_of(q, "flu"), to_dcm(turn), atol=1e-12)
-    # An Imu whose axes are forward, right, down lies on its back in a frame forward, left, up
+    # An IMU whose axes are forward, right, down lies on its back in a frame forward, left, up
     on_its_back = np.roll(Rotation.from_euler("x", 180.0, degrees=True).as_quat(), 1)
     assert np.allclose(mount_of(on_its_back, "frd"), np.eye(3), atol=1e-12)

@@ -55,7 +55,7 @@ def test_a_latency_that_is_given_is_used_as_it_is(late):
 
 
 def drive_by_two_clocks(path, seed, rate):
-    """A log of 20 minutes whose receiver's clock is faster than the Imu's, and its truth."""
+    """A log of 20 minutes whose receiver's clock is faster than the IMU's, and its truth."""
     truth = drive(seed, 1200.0)
     data = record(truth, GRADES["industrial"], seed)
     stamps = data.fixes.seconds * (1.0 + rate)
