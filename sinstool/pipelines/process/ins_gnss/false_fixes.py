@@ -37,7 +37,7 @@ MOST_NAMED = 5
 KIND = "false-fixes"
 
 
-def with_false_fixes_inflated(
+def find_false_fixes(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> tuple[Source, FilterStart, list[Finding]]:
     """A log whose fixes have larger sigmas where they are off by more than the receiver states.

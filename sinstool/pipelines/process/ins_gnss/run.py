@@ -56,7 +56,7 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
     vehicle_of,
 )
 from sinstool.pipelines.process.ins_gnss.contradictions import contradictions
-from sinstool.pipelines.process.ins_gnss.false_fixes import with_false_fixes_inflated
+from sinstool.pipelines.process.ins_gnss.false_fixes import find_false_fixes
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.sample_kind import with_sample_kind
@@ -105,9 +105,7 @@ class FilterRun(Mode):
     diagnostic_names = DIAGNOSTIC_NAMES
 
     def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
-        source, first, false = with_false_fixes_inflated(
-            source, config, plan.algorithm, plan.filter_start
-        )
+        source, first, false = find_false_fixes(source, config, plan.algorithm, plan.filter_start)
         config, first, start, means = with_sample_kind(source, config, plan, first)
         self._shown = [*false, *means]
         super().__init__(source, config, plan)
