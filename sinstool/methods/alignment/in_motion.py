@@ -206,9 +206,12 @@ def align_in_motion(
                 best = MotionAlignment(result, bias, span, fixes, bias is not gyro_bias)
             if result.status == "ok":
                 break
-        if best is None and refused is not None:
+        if best is not None or refused is None:
+            return best
+        try:
             raise refused
-        return best
+        finally:
+            del refused  # it refers to this frame, which refers to it
 
     def settled(rough: MotionAlignment) -> MotionAlignment:
         for _ in range(ROUNDS):

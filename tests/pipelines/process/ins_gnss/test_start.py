@@ -65,6 +65,11 @@ def straight_on(path):
     return write(path, record(cruise(80.0), consumer, 5, sigma=0.9, sigma_v=0.2))
 
 
+def too_short(path):
+    """Fixes for less time than alignment in motion needs."""
+    return write(path, record(cruise(8.0), GRADES["industrial"], 5, sigma=0.9, sigma_v=0.2))
+
+
 @pytest.mark.parametrize("made", [standing, straight_on])
 def test_a_start_that_is_not_there_is_looked_for_once(tmp_path, monkeypatch, made):
     """By what is refused an answer differs in its last word alone, and at another latency, where
@@ -85,9 +90,10 @@ def test_a_start_that_is_not_there_is_looked_for_once(tmp_path, monkeypatch, mad
     assert len(tried) == len(set(tried))
 
 
-def test_a_start_that_is_not_there_leaves_nothing_behind(tmp_path):
+@pytest.mark.parametrize("made", [standing, too_short])
+def test_a_start_that_is_not_there_leaves_nothing_behind(tmp_path, made):
     """What was tried is free at once: a collection that comes late would find it in use."""
-    log = standing(tmp_path / "log.mcap")
+    log = made(tmp_path / "log.mcap")
     config = ProcessConfig(input={"gyro_unit": "rad/s"})
     with open_log(log) as opened:
         source = prepare(opened, config)
