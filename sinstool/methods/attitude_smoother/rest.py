@@ -292,7 +292,7 @@ def _note_sway(rows: np.ndarray, still: np.ndarray) -> None:
         times.append(own[noisy] / part[noisy, OWN_RATE])
     if still.any():
         together = np.concatenate(times)
-        # Where motion begins or ends means of parts differ by more, so not the mean
+        # The median, as means of parts differ by more where motion begins or ends
         rows[still, OWN_RATE] *= max(1.0, float(median(together))) if len(together) else 1.0
 
 
