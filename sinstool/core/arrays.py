@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ArrayLike", "BoolArray", "FloatArray", "IntArray", "zeros_on_lines"]
+__all__ = ["ROUNDING", "ArrayLike", "BoolArray", "FloatArray", "IntArray", "zeros_on_lines"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+ROUNDING = 1e-9
+"""A change by less than this share of a value is by rounding, as of rates made of angles."""
 
 LINE = 64
 """Bytes of a line of a processor's cache."""

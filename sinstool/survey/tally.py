@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sinstool.core.arrays import ROUNDING
 from sinstool.core.parts import kernel, part
 from sinstool.core.streams import Imu
 from sinstool.methods.alignment.still import WINDOW_NS, WindowStage
@@ -22,8 +23,6 @@ _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_LISTED = 1000
 # Columns: see `_extremes`
 _NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0]
-# A change by less than this share is by rounding, as where rates were made of angles, and no step.
-ROUNDING = 1e-9
 # Values within this many steps of the largest are just below it.
 NEAR_STEPS = 8.0
 # A calibration spreads the end of a gyro's range: values above CROWD, as a share of the largest,

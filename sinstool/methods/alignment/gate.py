@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
 from sinstool.core.order_statistics import median
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment.inflight_types import GateLimits, ImuIncrements
@@ -202,7 +202,8 @@ def looks_clipped(imu: ImuIncrements) -> str | None:
         usual = median(size, axis=0)
         # A laser gyro at rest counts 0 or 1
         steps = np.abs(np.concatenate([values, np.diff(values, axis=0)]))
-        smallest = np.min(steps, axis=0, where=steps > 0.0, initial=np.inf) / float(median(step))
+        counted = steps > ROUNDING * steps.max(axis=0)
+        smallest = np.min(steps, axis=0, where=counted, initial=np.inf) / float(median(step))
         for axis in range(3):
             at_top = size[:, axis] >= top[axis] * (1.0 - 1e-6)
             if (

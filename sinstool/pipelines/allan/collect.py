@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.arrays import FloatArray
+from sinstool.core.arrays import ROUNDING, FloatArray
 from sinstool.core.parts import njit
 from sinstool.core.timeline import SECOND
 from sinstool.methods.allan.deviation import (
@@ -25,7 +25,6 @@ from sinstool.methods.allan.deviation import (
 from sinstool.methods.allan.fit import block_length
 from sinstool.survey.quiet import Stretch
 from sinstool.survey.source import Source, rate_blocks
-from sinstool.survey.tally import ROUNDING
 
 # Columns of the state of `_extremes`
 _LOW, _HIGH, _AT_LOW, _AT_HIGH, _STEP, _LAST, WIDTH = 0, 1, 2, 3, 4, 5, 6

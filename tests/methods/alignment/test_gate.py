@@ -166,8 +166,9 @@ def test_counts_of_a_laser_gyro_at_rest_are_not_clipped(seed):
         count * (random.uniform(0.1, 0.4, 3) + 0.3 * random.standard_normal(imu.delta_theta.shape)),
         axis=0,
     )
-    theta = count * np.diff(np.floor(turned / count), axis=0, prepend=0.0)
-    theta = np.minimum(np.maximum(theta, 0.0), count)
+    # Differences of an angle in rad, which rounds them
+    theta = np.diff(0.7 + count * np.floor(turned / count), axis=0, prepend=0.7)
+    theta = np.minimum(np.maximum(theta, 0.0), theta[np.abs(theta - count) < 1e-12].max())
     assert looks_clipped(ImuIncrements(imu.time_ns, theta, imu.delta_velocity)) is None
 
 
