@@ -60,9 +60,8 @@ class ImuGrade:
         Grade with which the first attitude was found, if it is another: drift says little of
         biases, which an alignment has to allow for.
     uncalibrated : float or None
-        Position of its calibration between that of its grade, 0, and a worse one, 1, in powers of
-        what separates them; None if it is not judged. The worse one is that of a bare chip for
-        low-cost IMUs, and that of a MEMS module for the others.
+        Position of a low-cost IMU between a calibrated one, 0, and a bare chip, 1, in powers of
+        what a calibration takes off; None if it is not judged.
     """
 
     grade: Grade

@@ -106,8 +106,6 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
         # What options say stays
         same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
         noise = replace(noise, **{name: changes[name] for name in same})
-    if grade.uncalibrated is not None and grade.grade not in LOW_COST:
-        return partly_calibrated(noise, imu_noise(config, "mems", has_scales(config)), grade.uncalibrated)
     return noise
 
 
@@ -119,7 +117,7 @@ def _walks_at_rest(source: Source) -> tuple[float, float] | None:
 
 def _of_grade(config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     """Errors of a grade, or of a low-cost IMU that is calibrated in part."""
-    if grade.uncalibrated is None or grade.grade not in LOW_COST:
+    if grade.uncalibrated is None:
         return imu_noise(config, grade.grade, has_scales(config))
     bare, calibrated = (imu_noise(config, one, has_scales(config)) for one in LOW_COST)
     return partly_calibrated(calibrated, bare, grade.uncalibrated)

@@ -92,11 +92,6 @@ class GradeFits:
         bare, calibrated = (self.sensors(grade) for grade in LOW_COST)
         return self._fit(share, partly_calibrated(calibrated, bare, share))
 
-    def as_mems_by(self, share: float) -> Fit | None:
-        """Fit of the sensors of the start, 0, with the calibration of a MEMS module, 1."""
-        sensors, module = self.start.settings.imu, self.sensors("mems")
-        return self._fit(share, partly_calibrated(sensors, module, share))
-
     def _fit(self, key: Grade | float, sensors: SensorGrade) -> Fit | None:
         if key not in self._made:
             shown = self.start.by_the_fixes
@@ -107,43 +102,6 @@ class GradeFits:
             noisy = replace(shown, settings=used)
             self._made[key] = fit(self.source, self.config, self._algorithm, noisy)
         return self._made[key]
-
-
-def likelier_calibration(fits: GradeFits) -> ImuGrade | None:
-    """How well an IMU is calibrated, by its innovations; None where these say nothing of it."""
-    if fits.config.navigation.imu_noise is not None:
-        return None
-    judged_low = fits.start.grade.grade in LOW_COST
-    return likelier_low_cost(fits) if judged_low else worse_calibrated(fits)
-
-
-def worse_calibrated(fits: GradeFits) -> ImuGrade | None:
-    """An IMU with quiet gyros that is clearly likelier to be calibrated worse than its grade is.
-
-    Noise says nothing of how its axes lie, nor of its accelerometers. Whatever is not modelled is
-    otherwise taken for their noise, which averages out where a misalignment does not.
-
-    Returns
-    -------
-    ImuGrade or None
-        None where its own calibration is about as likely, or where there are too few fixes.
-    """
-    imu, module = fits.start.settings.imu, fits.sensors("mems")
-    if not 0.0 < imu.accel_misalignment < module.accel_misalignment:
-        return None
-    made = [fits.as_mems_by(share) for share in SHARES]
-    if any(fit is None for fit in made):
-        return None
-    own = made[0]
-    assert own is not None
-    if not any(fit is not None and own.worse_than(fit) for fit in made):
-        return None
-    cost = np.array([fit.cost * fit.epochs for fit in made if fit is not None])
-    ratio = module.accel_misalignment / imu.accel_misalignment
-    share = uncalibrated_share(cost, 0.0, ratio)
-    angle = 1e3 * imu.accel_misalignment * ratio**share
-    why = f"calibrated to about {angle:.2g} mrad, as far as innovations show"
-    return ImuGrade(fits.start.grade.grade, why, uncalibrated=share)
 
 
 def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
@@ -157,8 +115,10 @@ def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
     Returns
     -------
     ImuGrade or None
-        None where there are too few fixes.
+        None where the IMU is a better one, the user gave its noise, or there are too few fixes.
     """
+    if fits.start.grade.grade not in LOW_COST or fits.config.navigation.imu_noise is not None:
+        return None
     made = [fits.uncalibrated_by(share) for share in SHARES]
     if any(fit is None for fit in made):
         return None
@@ -178,9 +138,7 @@ def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
     return ImuGrade("mems" if share < 0.5 else "consumer", why, uncalibrated=share)
 
 
-def uncalibrated_share(
-    cost: FloatArray, log_odds: float, ratio: float = UNCALIBRATED_BY
-) -> float:
+def uncalibrated_share(cost: FloatArray, log_odds: float) -> float:
     """The share whose squared misalignment is the weighted mean of those of `SHARES`.
 
     Parameters
@@ -188,15 +146,13 @@ def uncalibrated_share(
     cost : ndarray, shape (3,)
         -2 log likelihood of each of them.
     log_odds : float
-        Log of the odds, by all other evidence, that the IMU is not calibrated.
-    ratio : float, optional
-        Of misalignments of share 1 over those of share 0.
+        Log of the odds, by all other evidence, that the IMU is a bare chip.
     """
     shares = np.array(SHARES)
     log_weight = 0.5 * (cost.min() - cost) / DOUBT + log_odds * shares
     weight = np.exp(log_weight - log_weight.max())
-    square = float(weight @ ratio ** (2.0 * shares)) / float(weight.sum())
-    return float(np.log(square) / (2.0 * np.log(ratio)))
+    square = float(weight @ UNCALIBRATED_BY ** (2.0 * shares)) / float(weight.sum())
+    return float(np.log(square) / (2.0 * np.log(UNCALIBRATED_BY)))
 
 
 def better_grade(fits: GradeFits, drift: Drift) -> Grade | None:

@@ -33,7 +33,7 @@ from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_s
 from sinstool.pipelines.process.ins_gnss.likelier_grade import (
     GradeFits,
     better_grade,
-    likelier_calibration,
+    likelier_low_cost,
 )
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.receiver import (
@@ -328,7 +328,7 @@ def _calibrated(
     drift: Drift,
     fits: GradeFits,
 ) -> tuple[FilterStart, FilterStart, Drift, GradeFits]:
-    """A start with an IMU that is calibrated as well as innovations show.
+    """A start with a low-cost IMU that is calibrated as well as innovations show.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def _calibrated(
     drift, fits : Drift, GradeFits
         Of the judged start.
     """
-    start, judged = fits.start, likelier_calibration(fits)
+    start, judged = fits.start, likelier_low_cost(fits)
     if judged is None or (judged.grade == start.grade.grade and judged.uncalibrated is None):
         return first, start, drift, fits
     log_choice("IMU grade", f"{judged.grade}, {judged.why}")
