@@ -214,6 +214,12 @@ def partly_calibrated(calibrated: SensorGrade, bare: SensorGrade, share: float) 
     return replace(calibrated, **errors)
 
 
+def misaligned(grade: SensorGrade, times: float) -> SensorGrade:
+    """A grade whose axes are so many times as misaligned."""
+    angles = {name: times * getattr(grade, name) for name in _PARTS["misalignment"]}
+    return replace(grade, **angles)
+
+
 def log_odds_uncalibrated(gyro_bias: FloatArray) -> float:
     """Log of the odds that a low-cost IMU is not calibrated, 0 before a bias is known.
 

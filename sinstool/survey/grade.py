@@ -62,6 +62,8 @@ class ImuGrade:
     uncalibrated : float or None
         Position of a low-cost IMU between a calibrated one, 0, and a bare chip, 1, in powers of
         what a calibration takes off; None if it is not judged.
+    misaligned : float
+        How many times as misaligned as those of the grade its axes are.
     """
 
     grade: Grade
@@ -69,6 +71,7 @@ class ImuGrade:
     by_drift: bool = False
     aligned_as: Grade | None = None
     uncalibrated: float | None = None
+    misaligned: float = 1.0
 
 
 def to_align_as(config: ProcessConfig, grade: ImuGrade) -> ProcessConfig:

@@ -22,6 +22,7 @@ from sinstool.methods.sensor_errors import (
     LOW_COST,
     Grade,
     SensorGrade,
+    misaligned,
     next_worse,
     partly_calibrated,
 )
@@ -106,7 +107,7 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
         # What options say stays
         same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
         noise = replace(noise, **{name: changes[name] for name in same})
-    return noise
+    return misaligned(noise, grade.misaligned)
 
 
 def _walks_at_rest(source: Source) -> tuple[float, float] | None:

@@ -23,6 +23,7 @@ from sinstool.methods.sensor_errors import (
     Grade,
     SensorGrade,
     log_odds_uncalibrated,
+    misaligned,
     partly_calibrated,
 )
 from sinstool.pipelines.align.in_motion import imu_noise
@@ -50,12 +51,17 @@ DOUBT = 2.0
 # Least log odds by which a small bias at rest speaks for a calibration: drivers remove biases of
 # IMUs that nobody has calibrated.
 LEAST_LOG_ODDS = -1.0
+# Factors on the misalignments of other IMUs that are tried, and the log odds of each step, before
+# there are innovations. The axes of few IMUs lie several times worse than those of their grade.
+TIMES, LOG_ODDS_TIMES = (1.0, 4.0, 16.0), -3.0
+# A factor below this counts as 1: it changes sigmas by little, and doubt is part of every factor.
+LEAST_TIMES = 1.6
 # A share this close to 0 or 1 counts as that.
 NEARLY = 0.1
 
 
 class GradeFits:
-    """Fits of a start with sensors of other grades and the noise of its drift, each made once.
+    """Fits of a start with other sensors and the noise of its drift, each made once.
 
     Parameters
     ----------
@@ -75,7 +81,7 @@ class GradeFits:
     ) -> None:
         self.source, self.config, self.start, self.factors = source, config, start, factors
         self._algorithm = algorithm
-        self._made: dict[Grade | float, Fit | None] = {}
+        self._made: dict[Grade | float | tuple[float, NoiseFactors], Fit | None] = {}
 
     def sensors(self, grade: Grade) -> SensorGrade:
         """Errors of the sensors of a grade."""
@@ -92,16 +98,82 @@ class GradeFits:
         bare, calibrated = (self.sensors(grade) for grade in LOW_COST)
         return self._fit(share, partly_calibrated(calibrated, bare, share))
 
-    def _fit(self, key: Grade | float, sensors: SensorGrade) -> Fit | None:
+    def misaligned(self, times: float) -> Fit | None:
+        """The better fit of the sensors with axes so many times as misaligned.
+
+        With their own noise or that of the drift, which takes the errors of axes for noise.
+        """
+        sensors = misaligned(self.start.settings.imu, times)
+        fits = [
+            self._fit((times, factors), sensors, factors)
+            for factors in {self.factors, NoiseFactors(1.0, 1.0)}
+        ]
+        return min(
+            (one for one in fits if one is not None), key=lambda one: one.cost, default=None
+        )
+
+    def _fit(
+        self,
+        key: Grade | float | tuple[float, NoiseFactors],
+        sensors: SensorGrade,
+        factors: NoiseFactors | None = None,
+    ) -> Fit | None:
         if key not in self._made:
             shown = self.start.by_the_fixes
-            used = self.factors.of(shown.settings, virtual_noise=False)
+            used = (factors or self.factors).of(shown.settings, virtual_noise=False)
             # With a state for each error: without them large errors are noise, and ever less likely
             imu = as_noisy_as(sensors, used.imu)
             used = replace(used, imu=imu, filter="network-29a")
             noisy = replace(shown, settings=used)
             self._made[key] = fit(self.source, self.config, self._algorithm, noisy)
         return self._made[key]
+
+
+def likelier_calibration(fits: GradeFits) -> ImuGrade | None:
+    """How well an IMU is calibrated, by its innovations; None where these say nothing of it."""
+    if fits.config.navigation.imu_noise is not None:
+        return None
+    low_cost = fits.start.grade.grade in LOW_COST
+    return likelier_low_cost(fits) if low_cost else likelier_axes(fits)
+
+
+def likelier_axes(fits: GradeFits) -> ImuGrade | None:
+    """How well the axes of an IMU with quiet gyros lie, by its innovations.
+
+    Noise says nothing of that, and errors of axes are otherwise taken for noise of accelerometers,
+    which averages out where a tilt by misaligned axes stays.
+
+    Returns
+    -------
+    ImuGrade or None
+        None where they lie as those of its grade do, or where there are too few fixes.
+    """
+    sensors = fits.start.settings.imu
+    if fits.config.filter.sigma_misalignment is not None:
+        return None
+    made = [fits.misaligned(times) for times in TIMES]
+    cost = np.array([np.nan if fit is None else fit.cost * fit.epochs for fit in made])
+    if np.any(np.isnan(cost)):
+        return None
+    times = likeliest_times(cost)
+    if times < LEAST_TIMES:
+        return None
+    angle = 1e3 * times * sensors.accel_misalignment
+    why = f"its axes as well aligned as innovations show, to about {angle:.2g} mrad"
+    return ImuGrade(fits.start.grade.grade, why, misaligned=times)
+
+
+def likeliest_times(cost: FloatArray) -> float:
+    """The root mean square of `TIMES`, weighted by their odds.
+
+    Parameters
+    ----------
+    cost : ndarray, shape (3,)
+        -2 log likelihood of each of them.
+    """
+    log_weight = 0.5 * (cost.min() - cost) / DOUBT + LOG_ODDS_TIMES * np.arange(len(TIMES))
+    weight = np.exp(log_weight - log_weight.max())
+    return float(np.sqrt(weight @ np.square(TIMES) / weight.sum()))
 
 
 def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
@@ -115,10 +187,8 @@ def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
     Returns
     -------
     ImuGrade or None
-        None where the IMU is a better one, the user gave its noise, or there are too few fixes.
+        None where there are too few fixes.
     """
-    if fits.start.grade.grade not in LOW_COST or fits.config.navigation.imu_noise is not None:
-        return None
     made = [fits.uncalibrated_by(share) for share in SHARES]
     if any(fit is None for fit in made):
         return None

@@ -33,7 +33,7 @@ from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_s
 from sinstool.pipelines.process.ins_gnss.likelier_grade import (
     GradeFits,
     better_grade,
-    likelier_low_cost,
+    likelier_calibration,
 )
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.receiver import (
@@ -328,7 +328,7 @@ def _calibrated(
     drift: Drift,
     fits: GradeFits,
 ) -> tuple[FilterStart, FilterStart, Drift, GradeFits]:
-    """A start with a low-cost IMU that is calibrated as well as innovations show.
+    """A start with an IMU that is calibrated as well as innovations show.
 
     Parameters
     ----------
@@ -337,8 +337,8 @@ def _calibrated(
     drift, fits : Drift, GradeFits
         Of the judged start.
     """
-    start, judged = fits.start, likelier_low_cost(fits)
-    if judged is None or (judged.grade == start.grade.grade and judged.uncalibrated is None):
+    start, judged = fits.start, likelier_calibration(fits)
+    if judged is None or replace(judged, why="") == ImuGrade(start.grade.grade, ""):
         return first, start, drift, fits
     log_choice("IMU grade", f"{judged.grade}, {judged.why}")
     first, other = _as_judged(source, config, algorithm, first, start, judged)
