@@ -108,9 +108,7 @@ class GradeFits:
             self._fit((times, factors), sensors, factors)
             for factors in {self.factors, NoiseFactors(1.0, 1.0)}
         ]
-        return min(
-            (one for one in fits if one is not None), key=lambda one: one.cost, default=None
-        )
+        return min((one for one in fits if one is not None), key=lambda one: one.cost, default=None)
 
     def _fit(
         self,
