@@ -111,7 +111,8 @@ def measure(
         )
     data = NoiseData(at_rest.variances, at_rest.lengths, at_rest.phases, at_rest.block)
     fits = [
-        data.fit(column) if status == "measured" else None for column, status in enumerate(statuses)
+        data.fit(column, float(at_rest.step[column])) if status == "measured" else None
+        for column, status in enumerate(statuses)
     ]
     axes = tuple(
         _axis(at_rest, column, fits[column], status) for column, status in enumerate(statuses)

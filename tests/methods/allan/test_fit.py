@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from sinstool.methods.allan.deviation import VarianceStage, averaging_lags, stride_for
-from sinstool.methods.allan.fit import NoiseData, block_length
+from sinstool.methods.allan.fit import NoiseData
 from sinstool.methods.allan.model import (
     TERMS,
     allan_terms,
+    block_length,
     block_model,
     covariance_of_variances,
     sine_transform,
