@@ -346,12 +346,16 @@ class _Likelihood:
     def _minimise(self, p: FloatArray, fixed: tuple[int, ...] = ()) -> tuple[FloatArray, float]:
         """Fisher scoring within p >= 0, some terms fixed as they are.
 
+        A filter takes from the variance of white noise as quantisation adds, by the square of the
+        averaging time: where the shortest ones are left out, that may be negative.
+
         Returns
         -------
         p : ndarray, shape (4,)
         deviance : float
         """
         scale = self._scale
+        lowest = np.array([-np.inf if self._first else 0.0, 0.0, 0.0, 0.0])
         p = p.copy()
         value, slope, information = self._deviance(p)
         if not isfinite(value):
@@ -361,7 +365,7 @@ class _Likelihood:
             value, slope, information = self._deviance(p)
         for _ in range(60):
             scaled = slope * scale
-            free = (p > 0.0) | (scaled < 0.0)
+            free = (p > lowest) | (scaled < 0.0)
             free[list(fixed)] = False
             if not free.any():
                 break
@@ -371,7 +375,7 @@ class _Likelihood:
             step[free] = -scale[free] * np.linalg.lstsq(matrix, scaled[free], rcond=1e-14)[0]
             size, better = 1.0, False
             for _ in range(30):
-                tried = np.maximum(p + size * step, 0.0)
+                tried = np.maximum(p + size * step, lowest)
                 new = self._deviance(tried)
                 if new[0] < value:
                     better = True
@@ -418,11 +422,11 @@ class _Likelihood:
         target = INTERVAL * (FLICKER_INTERVAL if name == "flicker" else 1.0)
         high = self._edge(k, p, (), misfit, +1.0, target)
         if not seen[k]:
-            return Term(None, 0.0, sqrt(high))
+            return Term(None, 0.0, sqrt(max(high, 0.0)))
         low, value = self._edge(k, p, (), misfit, -1.0, target), float(p[k])
         # White noise is in every sensor, whether or not another term hides it, and so is
-        # quantisation where a sensor counts
-        there = TERMS[:2] if self._data.counted else ("white",)
+        # quantisation where a sensor counts, or filters
+        there = TERMS[:2] if self._data.counted or self._first else ("white",)
         hidden = tuple(j for j, n in enumerate(TERMS) if not seen[j] and n not in there)
         if hidden:
             alone = p.copy()
