@@ -117,11 +117,13 @@ class Survey:
     clock_offset_s : tuple of float
         Log time minus stamp: smallest and largest.
     held : int
-        Samples that repeat the values of the one before.
+        Samples that repeat the values of the one before; 0 where no more do than independent axes
+        that change seldom, as coarse ones do, would by chance.
     gyro_max, accel_max : ndarray, shape (3,)
         Largest magnitude by axis.
-    gyro_resolution : float
-        Smallest step from one rate of an axis to the next, rad/s; 0 where nothing changes.
+    gyro_resolution, accel_resolution : float
+        Smallest step from one value of an axis to the next, rad/s and m/s^2; 0 where nothing
+        changes.
     saturated : tuple of str
         Axes that stay at their largest value for several samples.
     gyro_stops : ndarray, shape (2, 3)
@@ -178,6 +180,7 @@ class Survey:
     gyro_max: np.ndarray
     accel_max: np.ndarray
     gyro_resolution: float
+    accel_resolution: float
     saturated: tuple[str, ...]
     gyro_stops: np.ndarray
     specific_force_median: float
@@ -410,7 +413,8 @@ def _conclude(
     )
     constant = tally.orientation is not None and not tally.orientation_varies and tally.count > 1
     placeholder = constant and _is_identity(tally.orientation, body_axes)
-    resolution = float(tally.extremes[:3, 4].min())
+    steps = tally.extremes[:, 4].reshape(2, 3).min(axis=1)
+    gyro_step, accel_step = np.where(np.isfinite(steps), steps, 0.0).tolist()
     return Survey(
         topic=topic.topic,
         count=tally.count,
@@ -434,10 +438,11 @@ def _conclude(
         horizon_ns=order.horizon_ns,
         losses=losses,
         clock_offset_s=(tally.offset_low / SECOND, tally.offset_high / SECOND),
-        held=tally.held,
+        held=_held(tally),
         gyro_max=tally.extremes[:3, 0].copy(),
         accel_max=tally.extremes[3:, 0].copy(),
-        gyro_resolution=resolution if np.isfinite(resolution) else 0.0,
+        gyro_resolution=gyro_step,
+        accel_resolution=accel_step,
         saturated=saturated,
         gyro_stops=np.where(_crowded(tally.crowds), CROWD * tally.crowds[..., 0], np.inf),
         specific_force_median=tally.force_median(),
@@ -455,9 +460,20 @@ def _conclude(
     )
 
 
+def _held(tally: Tally) -> int:
+    """Samples that repeat the one before, unless they do by chance.
+
+    A driver that sends a sample again repeats all axes at once: as many samples as the axis that
+    repeats most seldom. Of axes that are coarse, each by itself, the shares multiply.
+    """
+    shares = tally.extremes[:, 10] / max(tally.count - 1, 1)
+    middle = np.sqrt(shares.min() * shares.prod())
+    return tally.held if tally.held >= middle * (tally.count - 1) else 0
+
+
 def _stopped(row: np.ndarray, usual: float) -> bool:
     """Whether the largest value of an axis is the end of its range; columns as in `Tally`."""
-    largest, run, _, _, _, at_largest, just_below, others, changed, _ = row.tolist()
+    largest, run, _, _, _, at_largest, just_below, others, changed, *_ = row.tolist()
     if run < SATURATION_RUN or at_largest <= just_below:
         return False
     return largest > SATURATION_RATIO * usual or (run >= HELD_RUN and changed > CHANGING * others)

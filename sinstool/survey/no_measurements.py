@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
 from sinstool.core.parts import kernel, part
 from sinstool.core.streams import Imu
 from sinstool.survey.stuck_axes import AXES, AxisRuns, StuckAxis
@@ -282,17 +282,18 @@ def _count_steps(near, before, steps, sixths):  # type: ignore[no-untyped-def]
         if not changes:
             continue
         for k in range(6):
+            rounding = ROUNDING * abs(near[row, k])
             sixth = -20.0 * near[row, k]
             for j, weight in ((1, 15.0), (2, -6.0), (3, 1.0)):
                 sixth += weight * (near[row - j, k] + near[row + j, k])
-            steps[k, _bin(near[row + 1, k] - near[row, k])] += 1
-            sixths[k, _bin(sixth * np.sqrt(2.0) / SIXTH)] += 1
+            steps[k, _bin(near[row + 1, k] - near[row, k], rounding)] += 1
+            sixths[k, _bin(sixth * np.sqrt(2.0) / SIXTH, rounding)] += 1
 
 
 @part()
-def _bin(size):  # type: ignore[no-untyped-def]
-    """Bin of a size, of an eighth of an octave."""
-    if size == 0.0:
+def _bin(size, rounding):  # type: ignore[no-untyped-def]
+    """Bin of a size, of an eighth of an octave; the first for one that is nothing but rounding."""
+    if abs(size) <= rounding:
         return 0
     return int(min(max(np.log2(abs(size)) * PER_OCTAVE + BINS / 2, 0.0), BINS - 1.0))
 

@@ -17,6 +17,8 @@ from sinstool.survey.rest import moving_at
 # A window is louder than the quiet ones by this factor, beyond the scatter of so few samples.
 LOUD = 1.6
 SCATTER = 6.0
+# Three axes that go one count up and down have this scatter at most, in counts.
+ONE_COUNT = np.sqrt(0.75)
 # The quantile of all still windows that defines the noise of a quiet one.
 QUIET_SHARE = 0.25
 # Shorter stretches show little, and their ends are the end of one motion and the start of another.
@@ -88,7 +90,7 @@ def quiet_stretches(survey: Survey, gnss: GnssEpochs | None) -> QuietStretches:
     for span in resting:
         first, last = np.searchsorted(windows.start_ns, [span.start_ns, span.end_ns])
         inside[first:last] = True
-    quiet = inside & ~_loud(windows, inside)
+    quiet = inside & ~_loud(windows, inside, (survey.gyro_resolution, survey.accel_resolution))
     shaken = np.count_nonzero(inside & ~quiet) * WINDOW_NS / SECOND
     for span in resting:
         if span.start_ns > survey.first_ns:
@@ -105,17 +107,26 @@ def quiet_stretches(survey: Survey, gnss: GnssEpochs | None) -> QuietStretches:
     return QuietStretches(stretches, float(shaken), moving)
 
 
-def _loud(windows: Windows, inside: np.ndarray) -> np.ndarray:
-    """Windows that are louder than most of the still ones."""
+def _loud(windows: Windows, inside: np.ndarray, steps: tuple[float, float]) -> np.ndarray:
+    """Windows that are louder than most of the still ones, and than one count up and down.
+
+    Parameters
+    ----------
+    inside : ndarray of bool
+        Windows of still spans.
+    steps : tuple of float
+        Resolution of the gyro and of the accelerometer.
+    """
     loud = np.zeros(len(windows), np.bool_)
     if not inside.any():
         return loud
     freedom = 6.0 * np.maximum(windows.count - 1.0, 1.0)
-    for size in (windows.gyro_std, windows.accel_std):
+    for size, step in zip((windows.gyro_std, windows.accel_std), steps, strict=True):
         level = float(np.quantile(size[inside], QUIET_SHARE))
         # Of samples that hardly ever change, most windows have no scatter at all
         usual = level or float(np.max(size[inside]))
-        loud |= size > LOUD * usual * (1.0 + SCATTER / np.sqrt(freedom))
+        least = ONE_COUNT * step
+        loud |= size > np.maximum(LOUD * usual * (1.0 + SCATTER / np.sqrt(freedom)), least)
     return loud
 
 

@@ -22,7 +22,7 @@ _BINS = int((_HIGH - _LOW) / _STEP) + 1
 _FORCE_BINS, _FORCE_STEP = 100_000, 1e-3
 MAX_GAPS_LISTED = 1000
 # Columns: see `_extremes`
-_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0]
+_NO_EXTREMES = [0.0, 0.0, 0.0, np.nan, np.inf, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 # Values within this many steps of the largest are just below it.
 NEAR_STEPS = 8.0
 # A calibration spreads the end of a gyro's range: values above CROWD, as a share of the largest,
@@ -227,8 +227,9 @@ def _extremes(gyro, accel, state, crowds):  # type: ignore[no-untyped-def]
 
     Columns of ``state``: largest magnitude, longest run at it, present run, last value, smallest
     step from one value to another, number of values at the largest magnitude and just below it, of
-    all others their number and how many differ from the one before, and the largest value with its
-    sign. The sign counts: integers end at -32768 and 32767, so one stop is just below the other.
+    all others their number and how many differ from the one before, the largest value with its
+    sign, and how many values are those of the sample before. The sign counts: integers end at
+    -32768 and 32767, so one stop is just below the other.
 
     ``crowds``, of positive and of negative rates of each axis: the largest; how many are above
     `CROWD` of it; of those below, how many are above `BELOW_CROWD` of it; how often the first were
@@ -241,6 +242,8 @@ def _extremes(gyro, accel, state, crowds):  # type: ignore[no-untyped-def]
             value = gyro[i, a] if a < 3 else accel[i, a - 3]
             if value != state[a, 3]:
                 same = False
+            else:
+                state[a, 10] += 1.0
         if same:
             held += 1
             continue

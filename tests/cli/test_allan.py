@@ -249,6 +249,43 @@ def test_knocks_are_left_out(allan, tmp_path):
         assert measured(out)[1][axis]["bias_instability_m_per_s2"]["value"] is None
 
 
+def test_counts_that_change_seldom_are_not_knocks(allan, tmp_path):
+    """Velocity in counts that gravity fills evenly, but for a count more or less now and then."""
+    rates, forces = noise(12000)
+    count = 1e-3
+    velocity = np.cumsum(np.array([10.0, 20.0, -981.0]) + 0.02 * forces, axis=0)
+    forces = np.diff(count * np.floor(velocity), axis=0, prepend=0.0) * RATE
+    out = allan(write(tmp_path / "counts.mcap", rates, forces), "--json")[1]
+    printed = json.loads(out)
+    assert printed["rest"]["total_s"] > 119.0 and printed["rest"]["shaken_s"] == 0.0
+    assert len(printed["rest"]["stretches"]) == 1
+
+
+@pytest.mark.parametrize(("walk", "visible"), [(1e-6, False), (1e-5, True)])
+def test_counts_at_a_constant_rate(allan, tmp_path, walk, visible):
+    """A laser gyro counts the Earth's rotation: its rounding beats, and is taken for no noise."""
+    rng = np.random.default_rng(7)
+    rates, forces = noise(60000)
+    turned = np.cumsum([4e-5, -2e-5, 5e-5] + walk * RATE**0.5 * rng.standard_normal(rates.shape), 0)
+    rates = np.diff(np.floor(turned / RATE / 5e-6) * 5e-6, axis=0, prepend=0.0) * RATE
+    out = allan(write(tmp_path / "laser.mcap", rates, forces), "--json")[1]
+    gyro, kinds = measured(out)[0], {f["kind"] for f in json.loads(out)["findings"]}
+    assert not kinds & {"misfit", "coarse"}
+    for axis in "xyz":
+        found = gyro[axis]["angle_random_walk_rad_per_sqrt_s"]
+        assert (found["value"] is not None) or not visible
+        assert 0.9 * found["low"] < walk < 1.1 * found["high"] < 3.0 * walk
+        assert gyro[axis]["bias_instability_rad_per_s"]["value"] is None
+
+
+def test_rounding_that_hides_the_noise(allan, tmp_path):
+    rates, forces = noise(12000)
+    log = write(tmp_path / "coarse.mcap", np.round(rates / 0.006) * 0.006, forces)
+    printed = json.loads(allan(log, "--json")[1])
+    (coarse,) = (f for f in printed["findings"] if f["kind"] == "coarse")
+    assert coarse["text"].startswith("gyro x, y, z: values are rounded")
+
+
 def test_part_of_a_log(allan, rest):
     code, out, _ = allan(rest, "--json", "--end", "30")
     assert code == 0 and json.loads(out)["rest"]["total_s"] == pytest.approx(30.0, abs=0.6)

@@ -14,8 +14,8 @@ from sinstool.methods.allan.deviation import (
     averaging_lags,
     stride_for,
 )
-from sinstool.methods.allan.fit import NoiseData, NoiseFit, block_length
-from sinstool.methods.allan.model import second_differences
+from sinstool.methods.allan.fit import NoiseData, NoiseFit
+from sinstool.methods.allan.model import block_length, second_differences
 
 
 def variances(segments: Sequence[FloatArray], hadamard: bool = True) -> Variances:

@@ -244,6 +244,15 @@ def test_sample_and_hold(tmp_path):
     assert s.held == 750 and s.saturated == ()
 
 
+def test_what_coarse_axes_repeat_is_not_held(tmp_path):
+    """Each repeats its value for most of the time, but not because the others do."""
+    random = np.random.default_rng(3)
+    gyro = np.round(0.2 * random.standard_normal((2000, 3)) + [0.1, 0.2, 0.3])
+    accel = np.round(0.2 * random.standard_normal((2000, 3)) + [0.2, 9.7, 0.0])
+    s = look(imu_log(tmp_path / "a.mcap", even_times(2000), 0.01 * gyro, 0.05 * accel))
+    assert s.held == 0
+
+
 def test_zeros_from_the_first_sample_on_are_one_value(tmp_path):
     s = look(imu_log(tmp_path / "a.mcap", even_times(10), [0.0, 0, 0], [0.0, 0, 0]))
     assert s.held == 9  # the first repeats nothing

@@ -106,6 +106,17 @@ def test_what_is_alike_without_noise_is_measured(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+def test_counts_in_rates_made_of_angles_are_measured(seed):
+    """Differences of counted angles repeat but for their rounding, and now and then by a count."""
+    random = np.random.default_rng(seed)
+    count = np.repeat([5e-6, 1e-4], 3)
+    turned = np.cumsum(np.tile([12.0, -7.0, 3.0, 10.0, 20.0, -981.0], (6000, 1)), axis=0)
+    turned += np.cumsum(0.02 * random.standard_normal((6000, 6)), axis=0)
+    rows = np.diff(0.7 + count * np.floor(turned), axis=0, prepend=0.7) * RATE
+    assert found(rows[1:]) == ([], 0, 0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("cuts", [(), (3003,), tuple(range(50, 6000, 50))])
 def test_a_single_axis_that_hangs_is_no_measurement(seed, cuts):
     """Up to the end of the log, too; whatever it reads, and whether or not it leaps afterwards."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import isfinite, log, sqrt
 
@@ -21,6 +21,7 @@ import numpy as np
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.methods.allan.deviation import Variances
 from sinstool.methods.allan.model import (
+    LEAST_BLOCKS,
     TERMS,
     BlockModel,
     allan_terms,
@@ -28,11 +29,9 @@ from sinstool.methods.allan.model import (
     covariance_of_variances,
     sine_transform,
 )
-from sinstool.methods.allan.profile import between, chance_above, edge
+from sinstool.methods.allan.profile import between, chance_above, edge, least_squares
 
 NAMES = (*TERMS, "ramp")
-# Blocks that the samples of all segments make up, at most.
-BLOCKS = 512
 # Deviance of 95 % of one coefficient; and that which denies its absence: 1 in 10 000 by chance.
 INTERVAL = 3.8415
 SURE = 14.0
@@ -42,8 +41,6 @@ WALK_RISE = 1.0
 SHARE = 0.05
 # A fit is rejected if its misfit has a smaller probability than this.
 SELDOM = 1e-4
-# The longest segment has at least this many blocks.
-LEAST_BLOCKS = 8
 # Averaging times are left out while the misfit of the others has a smaller probability than this;
 # that costs little where it is chance. Where any were left out, one more is, as it is not quite
 # free of the cause.
@@ -54,14 +51,6 @@ INWARD = {"quantisation": 0.5, "white": 0.55, "flicker": 0.0, "random_walk": 0.0
 # Of flicker noise alone the frequencies of blocks are not quite independent: more deviance is due.
 FLICKER_INTERVAL = 1.1
 _ROUNDS = 3
-
-
-def block_length(lengths: Sequence[int]) -> int:
-    """Samples of a block, a power of two, for segments of these lengths."""
-    block = 1
-    while sum(lengths) > BLOCKS * block and max(lengths) >= 2 * LEAST_BLOCKS * block:
-        block *= 2
-    return block
 
 
 @dataclass(frozen=True)
@@ -121,6 +110,8 @@ class NoiseData:
         Phases of each segment, a block apart.
     block : int
         Samples of a block.
+    shortest : int, optional
+        The shortest averaging time of the fit, in samples.
     """
 
     def __init__(
@@ -129,8 +120,13 @@ class NoiseData:
         lengths: Sequence[int],
         phases: Sequence[FloatArray],
         block: int,
+        shortest: int = 1,
     ) -> None:
-        octaves = [1 << k for k in range(block.bit_length() - 1)]
+        self._parts = variances, lengths, phases, block
+        self._coarser: dict[int, NoiseData] = {}
+        self.block = block
+        self.counted = shortest > 1
+        octaves = [1 << k for k in range(block.bit_length() - 1) if 1 << k >= shortest]
         at = np.flatnonzero(np.isin(variances.lags, octaves))
         self.lags: IntArray = variances.lags[at]
         self.allan: FloatArray = variances.allan[at]
@@ -149,8 +145,46 @@ class NoiseData:
             np.concatenate([m.ramp for m in parts] or [np.empty(0)]),
         )
 
-    def fit(self, column: int) -> NoiseFit | None:
-        """Fit the terms to one column; None where it has no noise at all, or too few samples."""
+    def fit(self, column: int, step: float = 0.0) -> NoiseFit | None:
+        """Fit the terms to one column.
+
+        Counts of an angle that grows evenly beat with the samples, and what rounds them is no noise
+        until the white noise has moved the angle by a count. Shorter averaging times are left out.
+
+        Parameters
+        ----------
+        step : float, optional
+            The least step from one value to another: a count.
+
+        Returns
+        -------
+        NoiseFit or None
+            None where it has no noise at all, or too few samples.
+        """
+        fit = self._fit(column)
+        while fit is not None and step > 0.0:
+            white, lag = float(fit.variances[TERMS.index("white")]), fit.from_lag
+            if white * lag >= step**2:
+                return fit
+            # What white noise seems to be where it hardly shows is too much
+            longer = self._from(2 << (lag.bit_length() - 1))._fit(column)
+            if longer is None:
+                hidden = max(fit.terms["white"].high, step / sqrt(lag))
+                return replace(fit, terms=fit.terms | {"white": Term(None, 0.0, hidden)})
+            fit = longer
+        return fit
+
+    def _from(self, shortest: int) -> NoiseData:
+        """The same data, from an averaging time on, a power of two."""
+        if shortest not in self._coarser:
+            variances, lengths, phases, block = self._parts
+            every = max(shortest // block, 1)
+            self._coarser[shortest] = NoiseData(
+                variances, lengths, [p[::every] for p in phases], block * every, shortest
+            )
+        return self._coarser[shortest]
+
+    def _fit(self, column: int) -> NoiseFit | None:
         z, y = self.coefficients[:, column], self.allan[:, column]
         if len(z) < LEAST_BLOCKS - 2 or not np.all(y > 0.0) or not np.any(z):
             return None
@@ -220,7 +254,7 @@ class _Likelihood:
         terms = {name: self._term(k, p, misfit, seen) for k, name in enumerate(TERMS)}
         terms["ramp"] = self._ramp_term(p, misfit)
         ramp = self._ramp_of(p)[0]
-        from_lag = int(self._data.lags[self._first]) if count else 1
+        from_lag = self._shortest()
         unit = sqrt(self._unit)
         return NoiseFit(
             {
@@ -232,6 +266,11 @@ class _Likelihood:
             from_lag,
             misfit,
         )
+
+    def _shortest(self) -> int:
+        """The shortest averaging time, in samples, that is fitted."""
+        some = self._first < len(self._y)
+        return int(self._data.lags[self._first]) if some else self._data.block
 
     def settle(self) -> FloatArray:
         """The likeliest terms, with the covariance that they themselves give the variances."""
@@ -261,7 +300,7 @@ class _Likelihood:
         for a, b in pairwise(edges):
             parts.append(np.mean(self._v[a:b], axis=0)[None] / np.mean(self._z[a:b] ** 2))
         rows = np.concatenate(parts)
-        return _least_squares(rows)
+        return least_squares(rows)
 
     def _weigh(self, p: FloatArray) -> None:
         rows = slice(self._first, None)
@@ -307,12 +346,16 @@ class _Likelihood:
     def _minimise(self, p: FloatArray, fixed: tuple[int, ...] = ()) -> tuple[FloatArray, float]:
         """Fisher scoring within p >= 0, some terms fixed as they are.
 
+        A filter takes from the variance of white noise as quantisation adds, by the square of the
+        averaging time: where the shortest ones are left out, that may be negative.
+
         Returns
         -------
         p : ndarray, shape (4,)
         deviance : float
         """
         scale = self._scale
+        lowest = np.array([-np.inf if self._first else 0.0, 0.0, 0.0, 0.0])
         p = p.copy()
         value, slope, information = self._deviance(p)
         if not isfinite(value):
@@ -322,7 +365,7 @@ class _Likelihood:
             value, slope, information = self._deviance(p)
         for _ in range(60):
             scaled = slope * scale
-            free = (p > 0.0) | (scaled < 0.0)
+            free = (p > lowest) | (scaled < 0.0)
             free[list(fixed)] = False
             if not free.any():
                 break
@@ -332,7 +375,7 @@ class _Likelihood:
             step[free] = -scale[free] * np.linalg.lstsq(matrix, scaled[free], rcond=1e-14)[0]
             size, better = 1.0, False
             for _ in range(30):
-                tried = np.maximum(p + size * step, 0.0)
+                tried = np.maximum(p + size * step, lowest)
                 new = self._deviance(tried)
                 if new[0] < value:
                     better = True
@@ -379,11 +422,12 @@ class _Likelihood:
         target = INTERVAL * (FLICKER_INTERVAL if name == "flicker" else 1.0)
         high = self._edge(k, p, (), misfit, +1.0, target)
         if not seen[k]:
-            return Term(None, 0.0, sqrt(high))
+            return Term(None, 0.0, sqrt(max(high, 0.0)))
         low, value = self._edge(k, p, (), misfit, -1.0, target), float(p[k])
-        # White noise is in every sensor, whether or not another term hides it
-        white = TERMS.index("white")
-        hidden = tuple(j for j, visible in enumerate(seen) if not visible and j != white)
+        # White noise is in every sensor, whether or not another term hides it, and so is
+        # quantisation where a sensor counts, or filters
+        there = TERMS[:2] if self._data.counted or self._first else ("white",)
+        hidden = tuple(j for j, n in enumerate(TERMS) if not seen[j] and n not in there)
         if hidden:
             alone = p.copy()
             alone[list(hidden)] = 0.0
@@ -434,7 +478,7 @@ class _Likelihood:
     def _share(self, k: int, p: FloatArray) -> float:
         """The largest share of a term in the Allan variance at the lags that are fitted."""
         lags = self._data.curve
-        lags = lags[lags >= (self._data.lags[self._first] if len(self._y) else 1)]
+        lags = lags[lags >= self._shortest()]
         parts = allan_terms(lags) * p
         return float(np.max(parts[:, k] / parts.sum(axis=1)))
 
@@ -453,19 +497,3 @@ class _Likelihood:
         if size < sqrt(SURE) * spread:
             return Term(None, 0.0, size + half)
         return Term(size, size - half, size + half)
-
-
-def _least_squares(rows: FloatArray) -> FloatArray:
-    """Terms, none of them negative, that bring each row next to 1."""
-    size = np.max(rows, axis=0)
-    scaled, one = rows / size, np.ones(len(rows))
-    best, least = np.zeros(len(size)), float(len(rows))
-    # The best of all choices of terms whose own best is not negative
-    for chosen in range(1, 1 << len(size)):
-        some = [k for k in range(len(size)) if chosen >> k & 1]
-        solution = np.linalg.lstsq(scaled[:, some], one, rcond=None)[0]
-        left = float(np.sum((one - scaled[:, some] @ solution) ** 2))
-        if np.all(solution >= 0.0) and left < least:
-            best, least = np.zeros(len(size)), left
-            best[some] = solution
-    return np.asarray(best / size)

@@ -39,6 +39,16 @@ PLACES = 8
 _SECOND = (1.0, -2.0, 1.0)
 # From this lag on, samples, the series for flicker noise is exact to rounding.
 FAR = 60
+# Blocks that the samples of all segments make up, at most; the longest has at least so many.
+BLOCKS, LEAST_BLOCKS = 512, 8
+
+
+def block_length(lengths: Sequence[int]) -> int:
+    """Samples of a block, a power of two, for segments of these lengths."""
+    block = 1
+    while sum(lengths) > BLOCKS * block and max(lengths) >= 2 * LEAST_BLOCKS * block:
+        block *= 2
+    return block
 
 
 def allan_terms(lags: IntArray) -> FloatArray:

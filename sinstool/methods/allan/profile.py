@@ -1,9 +1,11 @@
-"""Edges of intervals of profile likelihood, and chances of chi-squared."""
+"""Edges of intervals of profile likelihood, chances of chi-squared, and where a fit begins."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from math import erfc, exp, pi, sqrt
+
+import numpy as np
 
 from sinstool.core.arrays import FloatArray
 
@@ -75,3 +77,19 @@ def edge(
         else:
             outer, root = middle, at
     return middle
+
+
+def least_squares(rows: FloatArray) -> FloatArray:
+    """Terms, none of them negative, that bring each row next to 1."""
+    size = np.max(rows, axis=0)
+    scaled, one = rows / size, np.ones(len(rows))
+    best, least = np.zeros(len(size)), float(len(rows))
+    # The best of all choices of terms whose own best is not negative
+    for chosen in range(1, 1 << len(size)):
+        some = [k for k in range(len(size)) if chosen >> k & 1]
+        solution = np.linalg.lstsq(scaled[:, some], one, rcond=None)[0]
+        left = float(np.sum((one - scaled[:, some] @ solution) ** 2))
+        if np.all(solution >= 0.0) and left < least:
+            best, least = np.zeros(len(size)), left
+            best[some] = solution
+    return np.asarray(best / size)

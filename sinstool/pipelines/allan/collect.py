@@ -22,7 +22,7 @@ from sinstool.methods.allan.deviation import (
     averaging_lags,
     stride_for,
 )
-from sinstool.methods.allan.fit import block_length
+from sinstool.methods.allan.model import block_length
 from sinstool.survey.quiet import Stretch
 from sinstool.survey.source import Source, rate_blocks
 

@@ -22,6 +22,9 @@ SETTLED = 4.0
 WARMING = 25.0
 BEYOND_WHITE = 4.0
 LEAST_BLOCKS = 64
+# Noise of less than this share of a step is mostly rounding, unless single samples deviate by more
+# than this many times it: they are counts of an angle.
+COARSE, ANGLE = 0.5, 2.0
 # Shaking that is more than this share of the rest is worth a word.
 SHAKEN = 0.01
 
@@ -40,6 +43,7 @@ def findings(
         *_hidden(axes, rest),
         *_drift(axes),
         *_warming(axes, fits, data, at_rest),
+        *_coarse(axes, at_rest),
         *_misfits(axes, rest),
         *_shaken(rest),
         *_swaying(rest),
@@ -153,6 +157,30 @@ def _apart(phase: np.ndarray) -> bool:
     return abs(contrast) > BEYOND_WHITE * sqrt(white * (1.0 / first + 1.0 / (count - half)))
 
 
+def _coarse(axes: Sequence[Axis], at_rest: Collected) -> Iterator[Finding]:
+    """Axes whose values seldom change, as rounding hides most of the noise.
+
+    Counts of an angle do not: they change with its mean rate, and their sum is the angle.
+    """
+    which, least = [], np.inf
+    for axis, step in zip(axes, at_rest.step, strict=True):
+        white = axis.coefficients.get("white")
+        if white is None or white.value is None:
+            continue
+        sigma = white.value / sqrt(at_rest.interval)
+        if sigma < COARSE * step and float(axis.deviation[0]) < ANGLE * sigma:
+            which.append(axis)
+            least = min(least, sigma / float(step))
+    if which:
+        text = (
+            f"{_names(which)}: values are rounded to steps of up to {1.0 / least:.2g} times the"
+            " noise that is left in them; that of the sensor itself, which rounding hides or"
+            " enlarges, may be several times as large or as small"
+        )
+        answer = "choose a smaller range, or take the data sheet's noise"
+        yield Finding("coarse", text, answer=answer, numbers={"noise_in_steps": least})
+
+
 def _misfits(axes: Sequence[Axis], rest: Rest) -> Iterator[Finding]:
     which = [a for a in axes if a.misfit > 1.0]
     if which:
@@ -168,7 +196,7 @@ def _misfits(axes: Sequence[Axis], rest: Rest) -> Iterator[Finding]:
         longest = max(a.from_s for a in late)
         text = (
             f"{_names(late)}: averaging times below {longest:.3g} s are left out of the fit: the"
-            " sensor filters its output, repeats samples, or hums"
+            " sensor filters or counts its output, repeats samples, or hums"
         )
         yield Finding("filtered", text, Severity.NOTE, numbers={"from_s": longest})
 

@@ -66,8 +66,9 @@ class LogNoise:
         octaves = 1 << np.arange(int(self.lags[-1]).bit_length())
         octaves = octaves[octaves <= self.lags[-1]]
         covariance = covariance_of_variances(octaves, self.lengths)
-        expected = allan_terms(octaves) @ fit.variances
-        scatter = np.einsum("iikl,k,l->i", covariance, fit.variances, fit.variances)
+        variances = np.maximum(fit.variances, 0.0)
+        expected = allan_terms(octaves) @ variances
+        scatter = np.einsum("iikl,k,l->i", covariance, variances, variances)
         logarithm = np.interp(
             np.log(self.lags), np.log(octaves), np.log(2.0 * expected**2 / scatter)
         )
@@ -111,7 +112,8 @@ def measure(
         )
     data = NoiseData(at_rest.variances, at_rest.lengths, at_rest.phases, at_rest.block)
     fits = [
-        data.fit(column) if status == "measured" else None for column, status in enumerate(statuses)
+        data.fit(column, float(at_rest.step[column])) if status == "measured" else None
+        for column, status in enumerate(statuses)
     ]
     axes = tuple(
         _axis(at_rest, column, fits[column], status) for column, status in enumerate(statuses)

@@ -56,6 +56,9 @@ DEFAULT_ALGORITHMS = (
 REFERENCE = "quatfiter-4"
 # Judge the reference: of another family, and of another interpolation.
 JUDGES = ("quatfiter-4", "previous-3", "lookahead-12")
+# Interpolates otherwise than the others. Where one of them is so much closer to it than the third,
+# which is no chance, the third errs.
+OTHERWISE, CLOSER = "lookahead-12", 0.1
 SELF_CHECK = 0.1
 # Runs that are kept to be compared in pairs have about this many instants in each segment
 _MOST_ROWS = 1 << 18
@@ -96,7 +99,8 @@ class Comparison:
     reference : str
         Name of the algorithm, or ``none``.
     reference_resolution : float or None
-        Largest root mean square drift between the reference and one of `JUDGES`, rad/s.
+        Largest root mean square drift between the reference and one of `JUDGES`, rad/s, but for
+        one of them that is far off where the other two agree.
     rows : tuple of Row
         Candidates as the log is, then decimated.
     pairs : dict
@@ -241,15 +245,20 @@ def _sparse(made: Attitudes, every: int) -> Attitudes:
 
 def _resolution(rows: Sequence[Row], reference: str) -> float | None:
     """Resolution of the reference: its drift against algorithms with other errors."""
-    drifts = [
-        r.drift_dph.slope_rms / IN_DEG_H
+    drifts = {
+        r.candidate.name: r.drift_dph.slope_rms / IN_DEG_H
         for r in rows
         if r.candidate.decimate == 1
         and r.candidate.name in JUDGES
         and r.candidate.name != reference
         and r.drift_dph is not None
-    ]
-    return max(drifts, default=None)
+    }
+    if not drifts:
+        return None
+    least, largest = min(drifts, key=drifts.__getitem__), max(drifts.values())
+    if OTHERWISE in (least, reference) and reference in JUDGES:
+        return drifts[least] if drifts[least] < CLOSER * largest else largest
+    return largest
 
 
 def _resolved(row: Row, resolution: float | None) -> Row:

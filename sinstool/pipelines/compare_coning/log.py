@@ -144,7 +144,10 @@ def compare_log(
         raise DataError(path, str(exc), "choose a longer span with --start and --end") from exc
     if limits is not None and limits.status == "noise-limited":
         verdict = comparison.verdict
-        text = f"{verdict.text}. Most of the log is little but noise, so this holds only for rest"
+        text = (
+            f"{verdict.text}. Most of the log is as noise is, up to half its rate, so this holds"
+            " only for rest; if it is vibration, it is sampled too slowly for any algorithm"
+        )
         comparison = replace(comparison, verdict=replace(verdict, text=text))
     survey = source.survey
     low, high = survey.interval_range_ns

@@ -167,7 +167,7 @@ def about_reference(reference: summary.Reference, meta: summary.Meta) -> str:
     text = f"Reference: {name}"
     if reference.resolution_dph is not None:
         resolution = shown(reference.resolution_dph)
-        text += f", which two algorithms of other kinds confirm to {resolution} deg/h"
+        text += f", which algorithms of other kinds confirm to {resolution} deg/h"
     if reference.pred_dph is not None:
         text += f"; its own predicted drift is {shown(size(reference.pred_dph))} deg/h"
     return text

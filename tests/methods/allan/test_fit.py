@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from sinstool.methods.allan.deviation import VarianceStage, averaging_lags, stride_for
-from sinstool.methods.allan.fit import NoiseData, block_length
+from sinstool.methods.allan.fit import NoiseData
 from sinstool.methods.allan.model import (
     TERMS,
     allan_terms,
+    block_length,
     block_model,
     covariance_of_variances,
     sine_transform,
@@ -137,6 +138,20 @@ def test_short_averaging_times_that_do_not_fit_are_left_out() -> None:
     white = fit.terms["white"]
     assert white.value == pytest.approx(1.0, rel=0.08)
     assert fit.terms["quantisation"].value is None
+
+
+@pytest.mark.parametrize("pole", [0.8, 0.9])
+def test_white_noise_behind_a_filter(pole: float) -> None:
+    """Long averages show it, less what the filter takes there."""
+    rows = simulated(120000, (0.0, 1.0, 0.0, 0.0, 0.0), 6, seed=3)
+    smooth = np.zeros_like(rows)
+    for k in range(1, len(rows)):
+        smooth[k] = pole * smooth[k - 1] + (1.0 - pole) * rows[k]
+    fits = [data_of([smooth]).fit(column) for column in range(6)]
+    whites = [fit.terms["white"] for fit in fits if fit is not None]
+    assert np.mean([white.value for white in whites]) == pytest.approx(1.0, abs=0.02)
+    assert sum(white.low < 1.0 < white.high for white in whites) >= 5
+    assert all(fit is not None and fit.terms["quantisation"].value is None for fit in fits)
 
 
 def test_intervals_hold_their_values() -> None:

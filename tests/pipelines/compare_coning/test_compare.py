@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from sinstool.methods.coning.registry import algorithm
-from sinstool.pipelines.compare_coning.compare import DEFAULT_ALGORITHMS, Settings, compare
+from sinstool.pipelines.compare_coning.compare import (
+    DEFAULT_ALGORITHMS,
+    JUDGES,
+    Settings,
+    compare,
+)
 from sinstool.pipelines.compare_coning.divergence import IN_DEG_H, DriftStatistics, Row
 from sinstool.pipelines.compare_coning.runs import Attitudes, Candidate, Segment
 from sinstool.pipelines.compare_coning.verdict import MARGIN, SAME_COST, verdict
@@ -85,13 +90,28 @@ def test_divergence_from_an_algorithm_is_the_difference_of_both(reference):
         slopes = row.curves[0].window_slope[1:-1] @ [0.0, np.sin(HALF), np.cos(HALF)]
         expected = closed(row.candidate.name) - closed(known)
         assert np.median(slopes) * IN_DEG_H == pytest.approx(expected, rel=1e-4)
-    # judges are asked though nobody named them
+    # judges are asked though nobody named them, and two that agree prove the third wrong
     apart = [
         abs(closed(j) - closed(known))
         for j in ("quatfiter-4", "previous-3", "lookahead-12")
         if j != known
     ]
-    assert actual.reference_resolution * IN_DEG_H == pytest.approx(max(apart), rel=0.05)
+    assert actual.reference_resolution * IN_DEG_H == pytest.approx(
+        max(apart) if reference == "auto" else min(apart), rel=0.05
+    )
+
+
+def test_a_judge_that_omits_a_term_is_no_judge_of_manoeuvres():
+    """Wide and slow turns: what previous-3 omits is a hundred times what the others differ by."""
+    segment, true = manoeuvre(rate=1.0)
+    settings = Settings(JUDGES, decimate=(1,))
+    result = compare([segment], "mean-rate", 0.01, settings)
+    drift = {r.candidate.name: r.drift_dph.slope_rms for r in result.rows}
+    assert drift["lookahead-12"] < 0.1 * drift["previous-3"]
+    assert result.reference_resolution * IN_DEG_H == pytest.approx(drift["lookahead-12"])
+    actual = compare([segment], "mean-rate", 0.01, settings, [true]).rows
+    error = {r.candidate.name: r.drift_dph.slope_rms for r in actual}
+    assert error["quatfiter-4"] < 1.1 * drift["lookahead-12"] < 0.1 * error["previous-3"]
 
 
 def test_reference_is_judged_by_another_interpolation_too():
