@@ -110,7 +110,7 @@ class FilterRun(Mode):
         self._shown = [*false, *means]
         super().__init__(source, config, plan)
         self._planned = timed_start(source, config, plan.algorithm, first, start)
-        start = start_before_gaps(source, config, self._planned) or self._planned
+        start = start_before_gaps(source, config, plan.algorithm, self._planned)
         self._start = start
         self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")
         self._damping: Damping | None = None
@@ -175,7 +175,7 @@ class FilterRun(Mode):
             return False
         self.source, self._best = source, None
         self._planned = replace(begun, clock=clock)
-        self._start = start_before_gaps(source, self.config, self._planned) or self._planned
+        self._start = start_before_gaps(source, self.config, algorithm, self._planned)
         return True
 
     def _measure_by(self, start: FilterStart) -> None:

@@ -71,6 +71,17 @@ def test_what_precedes_a_gap_is_not_lost_as_more_is_known_beyond_it(tmp_path):
         assert error[part].max() < 3.0 and sigmas[part].max() < 4.0
 
 
+@pytest.mark.slow
+def test_what_precedes_a_short_gap_is_not_lost_either(tmp_path):
+    """A start behind 0.4 s without samples, which a filter bridges, left 100 s without solution."""
+    truth = multicopter(seed=3, duration=300.0)
+    data = without_samples(record(truth, GRADES["industrial"], 1, sigma=0.5), 100.0, 0.4)
+    answer, status, _ = process(write(tmp_path / "gap.mcap", data), truth, [])
+    assert status == 0 and answer.seconds[0] < 1.0
+    error, sigmas = level(answer)
+    assert error.max() < 6.0 and sigmas.max() < 4.0
+
+
 def test_a_start_soon_before_a_gap_gives_way_to_one_in_the_longest_stretch(tmp_path):
     """From there nothing showed latency, noise and drift: tilts were 7 sigmas off in one log."""
     truth = drive(seed=47, duration=420.0, rest=20.0)
