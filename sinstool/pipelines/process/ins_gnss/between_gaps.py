@@ -18,6 +18,7 @@ from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, DataError
+from sinstool.core.finding import Finding
 from sinstool.core.timeline import SECOND
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -32,6 +33,8 @@ from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likelies
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions
 from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.grade import to_align_as
+from sinstool.survey.imu import Survey
+from sinstool.survey.oddities import found_gaps
 from sinstool.survey.source import Source, part_of
 
 # Sigma of heading after a gap, rad, beyond which a start is searched for.
@@ -73,6 +76,14 @@ class Stretch:
 def longest_carried(settings: Settings) -> float:
     """Duration of a gap, s, beyond which a start is searched for after it."""
     return LEAST_LOST / settings.gap_rate if settings.gap_rate > 0.0 else np.inf
+
+
+def gap_findings(survey: Survey, settings: Settings) -> list[Finding]:
+    """Which gaps of the IMU a filter bridges, and which it does not."""
+    across_ns = round(settings.max_gap * SECOND)
+    if not survey.gap_count or across_ns <= survey.max_gap_ns:
+        return []
+    return [replace(found_gaps(survey, across_ns), topic=survey.topic)]
 
 
 def start_before_gaps(

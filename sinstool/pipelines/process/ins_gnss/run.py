@@ -49,6 +49,7 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
     Stretch,
     channel_events_of,
     events_of,
+    gap_findings,
     longest_carried,
     start_after_gap,
     start_before_gaps,
@@ -468,7 +469,8 @@ class FilterRun(Mode):
     def _warnings(self) -> list[Finding]:
         """Warnings about the run, with the likeliest causes of trouble."""
         p, s = self._start, summed(self._stretches)
-        findings: list[Finding] = []
+        first_ns = self.source.survey.first_ns
+        findings = gap_findings(self.source.survey, p.settings)
 
         def note(kind: str, text: str, severity: Severity = Severity.WARNING) -> None:
             findings.append(Finding(kind, text, severity))
@@ -477,15 +479,13 @@ class FilterRun(Mode):
             note("coning", self.plan.algorithm.caveat)
         findings += self._shown
         findings += settings_used.notes(p, s, self.config, self._offsets_error.largest_m)
-        before = (p.time_ns - self.source.survey.first_ns) / SECOND
+        before = (p.time_ns - first_ns) / SECOND
         if before > 0.0:
-            without = (self._first_ns - self.source.survey.first_ns) / SECOND
-            note("before-start", before_start_text(without, before))
+            note("before-start", before_start_text((self._first_ns - first_ns) / SECOND, before))
         vehicle, used = vehicle_of(self._stretches)
         findings += vehicle.findings(used)
         findings += [*self._diagnosis(), *contradictions(p, self.source.findings)]
         if self._gnss:
-            first_ns = self.source.survey.first_ns
             findings += untrusted(
                 concatenate(self._gnss), events_of(self._stretches), s.mean_nis, first_ns
             )
