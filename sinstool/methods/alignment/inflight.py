@@ -48,7 +48,7 @@ from sinstool.methods.alignment.inflight_types import (
     RefinedErrors,
     Status,
 )
-from sinstool.methods.alignment.preparation import prepare_fixes, stretches
+from sinstool.methods.alignment.preparation import BRIDGED_NS, prepare_fixes, stretches
 from sinstool.methods.alignment.segments import Candidate, candidates
 from sinstool.methods.alignment.solution import (
     AttitudeChain,
@@ -182,8 +182,6 @@ def align_in_flight(
     """
     settings = settings or AlignmentSettings()
     fixes, settings, warnings = prepare_fixes(gnss, settings)
-    parts, notes = stretches(imu, settings)
-    warnings += notes
     clipped = looks_clipped(imu)
     if clipped and settings.gyro_limit is None and settings.accel_limit is None:
         warnings.append(
@@ -191,12 +189,24 @@ def align_in_flight(
             " give the ranges of the sensors, so that alignment starts after it"
         )
     lift_off_ns = _lift_off(imu, settings, warnings)
-    reasons: list[str] = []
-    answers = [
-        candidate
-        for part in parts
-        for candidate in candidates(part, fixes, settings, lift_off_ns, reasons)
-    ]
+
+    def solved(bridged_ns: int) -> tuple[int, list[str], list[Candidate], list[str]]:
+        reasons: list[str] = []
+        parts, notes = stretches(imu, settings, bridged_ns)
+        answers = [
+            candidate
+            for part in parts
+            for candidate in candidates(part, fixes, settings, lift_off_ns, reasons)
+        ]
+        return len(parts), notes, answers, reasons
+
+    count, notes, answers, reasons = solved(0)
+    if count > 1 and (not answers or min(c.sigma_worst for c in answers) > REFINE_SIGMA):
+        # How it turned in short gaps is known better than its attitude
+        joined = solved(BRIDGED_NS)
+        if joined[0] < count and joined[2]:
+            _, notes, answers, reasons = joined
+    warnings += notes
     if not answers:
         if len(reasons) > REASONS:
             more = f"{len(reasons) - REASONS} more stretches of the IMU could not be used either"

@@ -18,6 +18,9 @@ MISSING = 1.5
 """Of the usual interval: beyond, samples may be missing."""
 
 BRIDGED_SAMPLES = 3
+BRIDGED_NS = 100_000_000
+"""Longest gap that is integrated across in any motion, where whole stretches are too short."""
+
 MIN_SPAN_S = 10.0
 MIN_POSITION_SPAN_S = 60.0
 SILENT_GAP_S = 10.0
@@ -41,8 +44,15 @@ class Stretch:
     after: str
 
 
-def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Stretch], list[str]]:
+def stretches(
+    imu: ImuIncrements, settings: AlignmentSettings, bridged_ns: int = 0
+) -> tuple[list[Stretch], list[str]]:
     """Split at gaps and at saturated samples.
+
+    Parameters
+    ----------
+    bridged_ns : int, optional
+        Gaps up to this are integrated across, whatever the motion.
 
     Returns
     -------
@@ -53,8 +63,8 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
     Notes
     -----
     Intervals up to `settings.max_gap_ns` are integrated across, as everywhere, and so are up to
-    three missing samples in calm flight. Increments that cover only their usual interval are
-    stretched to the whole one, the mean of f telling which it is.
+    three missing samples in calm flight. Increments that cover only their usual interval gain the
+    mean of the motion before and after for the rest, the mean of f telling whether they do.
     """
     warnings = []
     new = np.diff(imu.time_ns, prepend=imu.time_ns[:1] - 1) > 0
@@ -76,28 +86,30 @@ def stretches(imu: ImuIncrements, settings: AlignmentSettings) -> tuple[list[Str
     calm = within[0] & within[2]
     broken = np.zeros(len(imu), dtype=bool)
     reason = {}
-    bridged = 0
+    bridged, longest_bridged = 0, 0
     theta, velocity = imu.delta_theta, imu.delta_velocity
     for k in gaps:  # of which a log has few
         gap = step[k] > longest
         short = missing[k] <= BRIDGED_SAMPLES and calm[k] and calm[min(k + 2, len(calm) - 1)]
-        if short or not gap:
-            bridged += gap
-            before = np.linalg.norm(velocity[k]) / (step[k - 1] if k else usual)
+        if short or not gap or step[k] <= bridged_ns:
+            if gap:
+                bridged, longest_bridged = bridged + 1, max(longest_bridged, int(step[k]))
+            length = step[k - 1] if k else usual
+            before = np.linalg.norm(velocity[k]) / length
             if np.linalg.norm(velocity[k + 1]) < 0.5 * before * (step[k] + usual):
                 if theta is imu.delta_theta:
                     theta, velocity = theta.copy(), velocity.copy()
-                theta[k + 1] *= step[k] / usual
-                velocity[k + 1] *= step[k] / usual
+                for of in (theta, velocity):
+                    rate = 0.5 * (of[k] / length + of[k + 1] / usual)
+                    of[k + 1] += (step[k] - usual) * rate
         else:
             broken[k + 1] = True
             reason[int(k + 1)] = f"a gap of {step[k] * 1e-9:.3f} s in the IMU"
     if bridged:
         bridges = "1 gap" if bridged == 1 else f"{bridged} gaps"
         verb = "is" if bridged == 1 else "are"
-        warnings.append(
-            f"{bridges} of up to {BRIDGED_SAMPLES} IMU samples {verb} integrated across"
-        )
+        most = f"of up to {longest_bridged * 1e-9:.3f} s in the IMU"
+        warnings.append(f"{bridges} {most} {verb} integrated across")
     if broken.any():
         many = f"{int(broken.sum())} gaps in the IMU interrupt the attitude; the longest is"
         one = "a gap in the IMU interrupts the attitude; it is"

@@ -147,7 +147,8 @@ def find_trust(
     moving &= rolling
     seconds = np.diff(track.time_ns, append=track.time_ns[-1:]) * 1e-9
     if np.count_nonzero(moving) < LEAST_ROWS or seconds[moving].clip(max=1.5).sum() < LEAST_S:
-        return Trust(mounted, False, "the fixes show too little motion to tell", anywhere)
+        slow = f"the fixes show too little motion faster than {SLOW:g} m/s to tell"
+        return Trust(mounted, False, slow, anywhere)
     if c_vb is None:
         c_vb, concentration = _mount(means, track, moving)
         if concentration < LEAST_CONCENTRATION:

@@ -358,6 +358,18 @@ def test_a_gap_of_the_imu_breaks_the_segment():
     assert error_deg(answer, flight) < 0.3
 
 
+def test_samples_lost_every_few_seconds_leave_an_attitude():
+    """No stretch between losses was long enough, and a recorder that loses samples loses many."""
+    for seed in range(4):
+        flight, imu, gnss = noisy(seed)
+        kept = (imu.time_ns + seed * 10**9) % (4 * 10**9) > 60 * 10**6
+        holed = ImuIncrements(imu.time_ns[kept], imu.delta_theta[kept], imu.delta_velocity[kept])
+        answer = align_in_flight(holed, gnss)
+        assert answer.status in ("ok", "degraded")
+        assert any("gaps of up to 0.070 s" in w for w in answer.warnings)
+        check_honest(answer, flight)
+
+
 def test_no_start():
     _, imu, gnss = noisy(3, duration_s=60.0)
     answer = align_in_flight(imu, gnss, AlignmentSettings(limits=GateLimits(t_set1=80.0)))

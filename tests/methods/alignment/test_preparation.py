@@ -46,12 +46,12 @@ def fixes(count=300, step_ms=100, **changes):
 def test_short_gaps_are_bridged_in_calm_flight():
     samples = imu()
     parts, warnings = stretches(without(samples, slice(1000, 1003)), AlignmentSettings())
-    assert len(parts) == 1 and "1 gap of up to 3" in warnings[0]
-    # The sample after held its usual 5 ms only: the force goes on over all 20 ms.
-    np.testing.assert_allclose(
-        parts[0].imu.delta_velocity[1000], 4.0 * samples.delta_velocity[1003]
-    )
-    np.testing.assert_allclose(parts[0].imu.delta_theta[1000], 4.0 * samples.delta_theta[1003])
+    assert len(parts) == 1 and "1 gap of up to" in warnings[0]
+    # The sample after held its usual 5 ms only: the motion on both sides goes on over the other 15
+    for name in ("delta_velocity", "delta_theta"):
+        before, after = getattr(samples, name)[[999, 1003]]
+        expected = after + 1.5 * (before + after)
+        np.testing.assert_allclose(getattr(parts[0].imu, name)[1000], expected)
     assert parts[0].imu.delta_velocity.sum() == pytest.approx(samples.delta_velocity.sum())
 
 
@@ -61,6 +61,17 @@ def test_whole_increments_over_a_gap_stay():
     shorter.delta_velocity[1000] = samples.delta_velocity[1000:1004].sum(axis=0)
     parts, _ = stretches(shorter, AlignmentSettings())
     np.testing.assert_array_equal(parts[0].imu.delta_velocity, shorter.delta_velocity)
+
+
+def test_longer_gaps_are_bridged_in_any_motion_only_if_asked():
+    samples = imu()
+    samples.delta_theta[:, 0] = np.deg2rad(50.0) * 0.005
+    shorter = without(samples, slice(1000, 1010))
+    assert len(stretches(shorter, AlignmentSettings())[0]) == 2
+    parts, warnings = stretches(shorter, AlignmentSettings(), bridged_ns=60 * MS)
+    assert len(parts) == 1 and "0.055 s" in warnings[0]
+    turned = parts[0].imu.delta_theta[:, 0].sum()
+    assert turned == pytest.approx(samples.delta_theta[:, 0].sum())
 
 
 def test_long_gaps_interrupt_the_attitude():

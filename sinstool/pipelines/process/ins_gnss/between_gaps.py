@@ -2,8 +2,9 @@
 
 How far a vehicle turned in such a gap is unknown, so the attitude is aligned from the data that
 follow, as at the start of a log. The estimated sensor errors are carried over. If a log's best
-start lies behind a gap, the part before the gap gets a start of its own in the same way. Latency
-and noise are estimated where the log shows most of them.
+start lies behind a gap, the part before the gap gets a start of its own in the same way: also
+before a short gap, which a filter bridges, but across which no start is carried back. Latency and
+noise are estimated where the log shows most of them.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError, DataError
+from sinstool.core.finding import Finding
 from sinstool.core.timeline import SECOND
 from sinstool.io.readers.frames import turn_body
+from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.height import layout as height_layout
 from sinstool.methods.ins_gnss.filter import FilterSummary, InsGnssFilter
 from sinstool.methods.ins_gnss.results import FilterEvent
@@ -26,9 +29,12 @@ from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
+from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions
 from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.grade import to_align_as
+from sinstool.survey.imu import Survey
+from sinstool.survey.oddities import found_gaps
 from sinstool.survey.source import Source, part_of
 
 # Sigma of heading after a gap, rad, beyond which a start is searched for.
@@ -72,9 +78,17 @@ def longest_carried(settings: Settings) -> float:
     return LEAST_LOST / settings.gap_rate if settings.gap_rate > 0.0 else np.inf
 
 
+def gap_findings(survey: Survey, settings: Settings) -> list[Finding]:
+    """Which gaps of the IMU a filter bridges, and which it does not."""
+    across_ns = round(settings.max_gap * SECOND)
+    if not survey.gap_count or across_ns <= survey.max_gap_ns:
+        return []
+    return [replace(found_gaps(survey, across_ns), topic=survey.topic)]
+
+
 def start_before_gaps(
-    source: Source, config: ProcessConfig, planned: FilterStart
-) -> FilterStart | None:
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, planned: FilterStart
+) -> FilterStart:
     """Start of a filter before the gaps that lie before a log's best start.
 
     Parameters
@@ -84,21 +98,45 @@ def start_before_gaps(
 
     Returns
     -------
-    FilterStart or None
-        The first that is found; None if there is no such gap, if nothing before it shows an
+    FilterStart
+        The first that is found; the best one if there is no such gap, if nothing before it shows an
         attitude, or if options say where to align.
     """
     if _place_configured(config):
-        return None
-    first_ns = source.survey.first_ns
+        return planned
+    first_ns, found = source.survey.first_ns, None
     for last_ns, next_ns in _gaps(source, planned.settings):
         if next_ns > planned.time_ns:
             break
-        start = _start_within(source, config, planned, first_ns, last_ns)
-        if start is not None:
-            return start
+        found = _start_within(source, config, planned, first_ns, last_ns)
+        if found is not None:
+            break
         first_ns = next_ns
-    return None
+    return _before_short_gaps(source, config, algorithm, found or planned, first_ns)
+
+
+def _before_short_gaps(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    first_ns: int,
+) -> FilterStart:
+    """A start, or an earlier one if it lies behind gaps that a filter bridges.
+
+    Parameters
+    ----------
+    first_ns : int
+        No earlier than this.
+    """
+    ends = [(ns, ns + round(s * SECOND)) for ns, s in source.survey.gaps if ns > first_ns]
+    while before := [last_ns for last_ns, next_ns in ends if next_ns <= start.time_ns]:
+        earlier = _start_within(source, config, start, first_ns, before[-1])
+        if earlier is None:
+            break
+        # The filter runs on from there: a wrong attitude would cost what follows, too
+        start = with_likeliest(source, config, algorithm, earlier, earlier)
+    return start
 
 
 def start_in_longest(source: Source, config: ProcessConfig, best: FilterStart) -> FilterStart:

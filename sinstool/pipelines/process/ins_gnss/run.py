@@ -49,6 +49,7 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
     Stretch,
     channel_events_of,
     events_of,
+    gap_findings,
     longest_carried,
     start_after_gap,
     start_before_gaps,
@@ -110,7 +111,7 @@ class FilterRun(Mode):
         self._shown = [*false, *means]
         super().__init__(source, config, plan)
         self._planned = timed_start(source, config, plan.algorithm, first, start)
-        start = start_before_gaps(source, config, self._planned) or self._planned
+        start = start_before_gaps(source, config, plan.algorithm, self._planned)
         self._start = start
         self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")
         self._damping: Damping | None = None
@@ -175,7 +176,7 @@ class FilterRun(Mode):
             return False
         self.source, self._best = source, None
         self._planned = replace(begun, clock=clock)
-        self._start = start_before_gaps(source, self.config, self._planned) or self._planned
+        self._start = start_before_gaps(source, self.config, algorithm, self._planned)
         return True
 
     def _measure_by(self, start: FilterStart) -> None:
@@ -468,7 +469,8 @@ class FilterRun(Mode):
     def _warnings(self) -> list[Finding]:
         """Warnings about the run, with the likeliest causes of trouble."""
         p, s = self._start, summed(self._stretches)
-        findings: list[Finding] = []
+        first_ns = self.source.survey.first_ns
+        findings = gap_findings(self.source.survey, p.settings)
 
         def note(kind: str, text: str, severity: Severity = Severity.WARNING) -> None:
             findings.append(Finding(kind, text, severity))
@@ -477,15 +479,13 @@ class FilterRun(Mode):
             note("coning", self.plan.algorithm.caveat)
         findings += self._shown
         findings += settings_used.notes(p, s, self.config, self._offsets_error.largest_m)
-        before = (p.time_ns - self.source.survey.first_ns) / SECOND
+        before = (p.time_ns - first_ns) / SECOND
         if before > 0.0:
-            without = (self._first_ns - self.source.survey.first_ns) / SECOND
-            note("before-start", before_start_text(without, before))
+            note("before-start", before_start_text((self._first_ns - first_ns) / SECOND, before))
         vehicle, used = vehicle_of(self._stretches)
         findings += vehicle.findings(used)
         findings += [*self._diagnosis(), *contradictions(p, self.source.findings)]
         if self._gnss:
-            first_ns = self.source.survey.first_ns
             findings += untrusted(
                 concatenate(self._gnss), events_of(self._stretches), s.mean_nis, first_ns
             )

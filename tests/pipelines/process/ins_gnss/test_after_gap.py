@@ -9,9 +9,10 @@ import pytest
 from benchmarks.trusted_navigation import process, read_back
 from sinstool.config import ProcessConfig
 from sinstool.io.readers import open_log
+from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.pipelines.plan import make_plan
 from sinstool.pipelines.process.ins_gnss.before_start import before_start_text
-from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
+from sinstool.pipelines.process.ins_gnss.between_gaps import gap_findings, start_in_longest
 from sinstool.survey.source import prepare
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
@@ -69,6 +70,29 @@ def test_what_precedes_a_gap_is_not_lost_as_more_is_known_beyond_it(tmp_path):
     for part in (answer.seconds < begin, answer.seconds > begin + length + 0.5):
         assert part.sum() > 1000
         assert error[part].max() < 3.0 and sigmas[part].max() < 4.0
+
+
+@pytest.mark.slow
+def test_what_precedes_a_short_gap_is_not_lost_either(tmp_path):
+    """A start behind 0.4 s without samples, which a filter bridges, left 100 s without solution."""
+    truth = multicopter(seed=3, duration=300.0)
+    data = without_samples(record(truth, GRADES["industrial"], 1, sigma=0.5), 100.0, 0.4)
+    answer, status, _ = process(write(tmp_path / "gap.mcap", data), truth, [])
+    assert status == 0 and answer.seconds[0] < 1.0
+    error, sigmas = level(answer)
+    assert error.max() < 6.0 and sigmas.max() < 4.0
+
+
+@pytest.mark.parametrize("length", [0.4, 30.0])
+def test_which_gaps_a_filter_bridges_is_said(tmp_path, length):
+    """ "Nothing is integrated across it" was said of 0.4 s, too."""
+    data = without_samples(record(drive(1, 90.0, 5.0), GRADES["industrial"], 1), 30.0, length)
+    with open_log(write(tmp_path / "gap.mcap", data)) as opened:
+        survey = prepare(opened, ProcessConfig(), None).survey
+    (finding,) = gap_findings(survey, Settings())
+    bridged = finding.text.endswith("short enough to be integrated across")
+    assert bridged == (length < 5.0)
+    assert bridged != ("nothing is integrated across" in finding.text)
 
 
 def test_a_start_soon_before_a_gap_gives_way_to_one_in_the_longest_stretch(tmp_path):
