@@ -6,6 +6,7 @@ import pytest
 
 from sinstool.pipelines.process.travel import Accuracy, Outages, Spread, Travel
 from sinstool.report.text.account import account, distance, duration, heading_origin, squares
+from sinstool.report.text.numbers import counted
 
 ACCURACY = Accuracy(Spread(0.25, 0.6), Spread(0.43, 1.1), Spread(4.1, 5.4), Spread(5.43, 8.5))
 
@@ -107,3 +108,8 @@ def test_a_magnetometer_shows_north_where_the_first_attitude_does_not(refused, n
     result.smoothing = SimpleNamespace(heading_lost=False, magnetometer=compass)
     assert heading_origin(result) == origin
     assert ("Nothing in the log shows north" in account(result)[1]) == (not origin)
+
+
+def test_one_of_a_thing_is_not_called_several():
+    """`process` and `info` said "1 gaps"."""
+    assert [counted(n, "gap") for n in (0, 1, 2)] == ["0 gaps", "1 gap", "2 gaps"]

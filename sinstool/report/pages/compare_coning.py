@@ -15,6 +15,7 @@ from sinstool.report.pages.settings import config_settings, input_rows, read_fil
 from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table, table_of
 from sinstool.report.text.coning import COLUMNS, LEGEND, PSEUDO, TERMINAL, about_reference, shown
 from sinstool.report.text.coning import Column as ColumnOf
+from sinstool.report.text.numbers import counted
 
 PAPER_OPTIONS = ("comparison.algorithms", "comparison.phase", "coning.gyro_response")
 
@@ -71,7 +72,7 @@ def _facts(result: ComparisonResult) -> tuple[Fact, ...]:
         Fact("Reference", result.reference.name, note),
         Fact("Drift that does not matter", f"{meta.tolerance_dph:g} deg/h", "--tolerance"),
         Fact("Log", f"{meta.duration_s:.4g} s at {checks.rate_hz:.4g} Hz",
-             f"{checks.gaps} gaps, read as {meta.gyro_kind}"),
+             f"{counted(checks.gaps, 'gap')}, read as {meta.gyro_kind}"),
         Fact("Fastest rotation", f"{shown(checks.largest_rate_deg_s)} deg/s"),
     ]  # fmt: skip
     return tuple(facts)

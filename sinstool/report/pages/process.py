@@ -18,6 +18,7 @@ from sinstool.report.pages.settings import config_settings, input_rows
 from sinstool.report.recorder import Recorder
 from sinstool.report.sections import Cell, Column, Fact, Page, Prose, Rows, Section, Settings, Table
 from sinstool.report.text.account import account, distance, duration, squares
+from sinstool.report.text.numbers import counted
 from sinstool.report.text.process import compass, summary_rows
 
 # Rows of the table of events; all of them are in --json.
@@ -73,7 +74,7 @@ def write_page(
 def _facts(result: ProcessResult) -> tuple[Fact, ...]:
     """Duration, distance, speed and accuracy."""
     travel, imu = result.travel, result.imu
-    lost = f"{imu.gaps} gaps, {imu.dropped} samples dropped"
+    lost = f"{counted(imu.gaps, 'gap')}, {counted(imu.dropped, 'sample')} dropped"
     facts = [Fact("Duration", duration(travel.duration_s), f"IMU at {imu.rate_hz:.4g} Hz; {lost}")]
     if travel.distance_m is not None and travel.largest_speed_m_s is not None:
         speeds = (

@@ -10,6 +10,7 @@ from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import clock_time
 from sinstool.io.readers.lost import LogLosses
 from sinstool.pipelines.info.result import InspectedImu, Inspection, UnusableImu
+from sinstool.report.text.numbers import counted
 from sinstool.report.text.table import table
 
 
@@ -72,7 +73,8 @@ def _print_imu(imu: InspectedImu | UnusableImu, verbose: bool) -> None:
         (
             "  time",
             f"{'header stamps' if imu.time_source == 'stamp' else 'log times'};"
-            f" {imu.duplicates} duplicates, {imu.backward} backward, {imu.gaps} gaps",
+            f" {counted(imu.duplicates, 'duplicate')}, {imu.backward} backward,"
+            f" {counted(imu.gaps, 'gap')}",
         ),
         ("  clocks", "log time less stamp {:+.4f} to {:+.4f} s".format(*imu.log_less_stamp_s)),
         ("  gyro", f"largest {gyro} rad/s on x, y, z"),

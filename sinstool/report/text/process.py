@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sinstool.report.text.numbers import measured
+from sinstool.report.text.numbers import counted, measured
 
 if TYPE_CHECKING:
     from sinstool.pipelines.process import filter_used, height_used, hse_used, summary
@@ -38,7 +38,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
         (
             "IMU",
             f"{imu.topic}: {imu.n} samples at {imu.rate_hz:.3f} Hz,"
-            f" {imu.gaps} gaps, {imu.dropped} dropped",
+            f" {counted(imu.gaps, 'gap')}, {imu.dropped} dropped",
         ),
         (
             "alignment",
@@ -52,8 +52,8 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
         rows.append(
             (
                 "coning",
-                f"{coning.algorithm}, {_samples(coning.samples_per_update)} an update, gyro"
-                f" read as {coning.gyro_kind}",
+                f"{coning.algorithm}, {counted(coning.samples_per_update, 'sample')} an update,"
+                f" gyro read as {coning.gyro_kind}",
             )
         )
     rows += _smoothing(result.smoothing)
@@ -83,10 +83,6 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
             rows.append(("coning source", coning.source))
         rows.append(("input sha256", result.input.sha256))
     return rows
-
-
-def _samples(count: int) -> str:
-    return "1 sample" if count == 1 else f"{count} samples"
 
 
 def _reference(result: ProcessResult) -> str:
