@@ -107,7 +107,7 @@ def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
         # What options say stays
         same = {name for name in changes if getattr(noise, name) == getattr(judged, name)}
         noise = replace(noise, **{name: changes[name] for name in same})
-    return misaligned(noise, grade.misaligned)
+    return noise
 
 
 def _walks_at_rest(source: Source) -> tuple[float, float] | None:
@@ -117,9 +117,9 @@ def _walks_at_rest(source: Source) -> tuple[float, float] | None:
 
 
 def _of_grade(config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
-    """Errors of a grade, or of a low-cost IMU that is calibrated in part."""
+    """Errors of a grade, with the axes and the calibration that innovations show."""
     if grade.uncalibrated is None:
-        return imu_noise(config, grade.grade, has_scales(config))
+        return misaligned(imu_noise(config, grade.grade, has_scales(config)), grade.misaligned)
     bare, calibrated = (imu_noise(config, one, has_scales(config)) for one in LOW_COST)
     return partly_calibrated(calibrated, bare, grade.uncalibrated)
 

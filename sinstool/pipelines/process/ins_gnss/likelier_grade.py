@@ -104,10 +104,8 @@ class GradeFits:
         With their own noise or that of the drift, which takes the errors of axes for noise.
         """
         sensors = misaligned(self.start.settings.imu, times)
-        fits = [
-            self._fit((times, factors), sensors, factors)
-            for factors in {self.factors, NoiseFactors(1.0, 1.0)}
-        ]
+        own = replace(self.factors, gyro=1.0, accel=1.0, scale=1.0)
+        fits = [self._fit((times, noise), sensors, noise) for noise in {own, self.factors}]
         return min((one for one in fits if one is not None), key=lambda one: one.cost, default=None)
 
     def _fit(
@@ -169,9 +167,14 @@ def likeliest_times(cost: FloatArray) -> float:
     cost : ndarray, shape (3,)
         -2 log likelihood of each of them.
     """
-    log_weight = 0.5 * (cost.min() - cost) / DOUBT + LOG_ODDS_TIMES * np.arange(len(TIMES))
+    return _root_mean_square(np.array(TIMES), cost, LOG_ODDS_TIMES * np.arange(float(len(TIMES))))
+
+
+def _root_mean_square(size: FloatArray, cost: FloatArray, log_odds: FloatArray) -> float:
+    """Of sizes, weighted by their odds before there are innovations and by their likelihood."""
+    log_weight = 0.5 * (cost.min() - cost) / DOUBT + log_odds
     weight = np.exp(log_weight - log_weight.max())
-    return float(np.sqrt(weight @ np.square(TIMES) / weight.sum()))
+    return float(np.sqrt(weight @ np.square(size) / weight.sum()))
 
 
 def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
@@ -217,10 +220,8 @@ def uncalibrated_share(cost: FloatArray, log_odds: float) -> float:
         Log of the odds, by all other evidence, that the IMU is a bare chip.
     """
     shares = np.array(SHARES)
-    log_weight = 0.5 * (cost.min() - cost) / DOUBT + log_odds * shares
-    weight = np.exp(log_weight - log_weight.max())
-    square = float(weight @ UNCALIBRATED_BY ** (2.0 * shares)) / float(weight.sum())
-    return float(np.log(square) / (2.0 * np.log(UNCALIBRATED_BY)))
+    times = _root_mean_square(UNCALIBRATED_BY**shares, cost, log_odds * shares)
+    return float(np.log(times) / np.log(UNCALIBRATED_BY))
 
 
 def better_grade(fits: GradeFits, drift: Drift) -> Grade | None:

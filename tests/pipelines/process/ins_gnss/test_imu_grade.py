@@ -162,6 +162,15 @@ def test_a_drift_does_not_show_biases_nor_how_axes_lie_in_the_case(monkeypatch, 
     assert imu.gyro_scale == IMU_GRADES[grade].gyro_scale
 
 
+def test_a_filter_expects_axes_as_misaligned_as_they_are_judged(monkeypatch):
+    for name in ("_walks_at_rest", "walks_in_motion"):
+        monkeypatch.setattr(filter_settings, name, lambda _: None)
+    grade = IMU_GRADES["tactical"]
+    imu = filter_settings._imu(None, ProcessConfig(), ImuGrade("tactical", "", misaligned=4.0))
+    assert imu.gyro_misalignment == imu.accel_misalignment == 4.0 * grade.gyro_misalignment
+    assert imu.accel_bias == grade.accel_bias and imu.gyro_scale == grade.gyro_scale
+
+
 @pytest.mark.parametrize(("grade", "expected"), [("consumer", "consumer"), ("mems", "mems")])
 def test_a_rest_shows_a_bare_chip_by_its_bias(tmp_path, grade, expected):
     log = simulated(
@@ -254,10 +263,10 @@ def test_axes_that_turns_show_to_be_misaligned_are_in_the_sigmas(tmp_path):
 
     Of a level car no fix shows the angles that the axes of gyros and accelerometers share.
     """
-    for make, most in ((flight, 2.3), (drive, 4.5)):
+    for make, last, most in ((flight, False, 2.3), (drive, 30.0, 4.5)):
         off = []
         for seed in range(1, 7):
-            truth = make(seed, 300.0, 30.0) if make is drive else make(seed, 300.0, False)
+            truth = make(seed, 300.0, last)
             data = record(truth, GRADES["tactical"], seed, gnss_rate=2.0, sigma=1.0)
             log = write(tmp_path / f"{seed}.mcap", crossed(data, seed, 7e-4))
             answer, status, _ = process(log, truth, [])
