@@ -28,7 +28,11 @@ SIZE = 21
 
 
 def carried_back(
-    start: Start, imu: SensorGrade, updates: Increments, q_nb: FloatArray
+    start: Start,
+    imu: SensorGrade,
+    updates: Increments,
+    q_nb: FloatArray,
+    turned_unseen: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Covariances of position, velocity and attitude before a start.
 
@@ -40,6 +44,8 @@ def carried_back(
         n of them, biases not taken off.
     q_nb : ndarray, shape (n + 1, 4)
         Attitude at the start of each, and at the end of the last.
+    turned_unseen : ndarray, shape (n, 3), optional
+        Variances of turns during each update that the gyros have not seen, NED, rad^2.
 
     Returns
     -------
@@ -67,11 +73,12 @@ def carried_back(
         total(c_nb * dt[:, None, None]),
         total(c_nb * turned[:, None, :]),
         total(c_nb * gained[:, None, :]),
+        np.zeros((len(begins), 3)) if turned_unseen is None else total(turned_unseen),
         strict=True,
     )
     seconds, covariances = [0.0], [p[:9, :9]]
     densities = _noise(imu)
-    for length, force, turn, turn_scale, force_scale in reversed(list(steps)):
+    for length, force, turn, turn_scale, force_scale, unseen in reversed(list(steps)):
         f = np.eye(SIZE)
         f[P, V] = length * np.eye(3)
         f[V, A], f[V, BA], f[V, SA] = skew(force), turn, force_scale
@@ -86,7 +93,7 @@ def carried_back(
         turned_n = turn_scale.sum(axis=1)
         angle = max(float(np.linalg.norm(turned_n)), 1e-12)
         across = angle * np.eye(3) - np.outer(turned_n, turned_n) / angle
-        noise[A, A] += imu.gyro_misalignment**2 * TURN * across
+        noise[A, A] += imu.gyro_misalignment**2 * TURN * across + np.diag(unseen)
         back = np.linalg.inv(f)
         p = back @ (p + noise) @ back.T
         seconds.append(seconds[-1] + float(length))

@@ -112,9 +112,8 @@ def close_substep(m: Memory, model: Model) -> None:
                 m.p[states.VELOCITY + i, states.VELOCITY + i] += (
                     model.gap_acceleration**2 * GAP_TIME * delta
                 )
-                m.p[states.ATTITUDE + i, states.ATTITUDE + i] += (
-                    model.gap_rate**2 * GAP_TIME * delta
-                )
+                turn = model.gap_tilt_rate if i < 2 else model.gap_rate
+                m.p[states.ATTITUDE + i, states.ATTITUDE + i] += turn**2 * GAP_TIME * delta
     begin_substep(m)
 
 

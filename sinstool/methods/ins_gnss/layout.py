@@ -211,6 +211,7 @@ _MODEL: tuple[tuple[Any, ...], ...] = (
     ("restart_after",),  # s
     ("max_gap",),
     ("gap_acceleration",),
+    ("gap_tilt_rate",),
     ("gap_rate",),
     ("baro_gate",),
     ("measured",),  # 1: the gate measures the noise of fixes

@@ -443,13 +443,13 @@ def _carry_over(m: Memory, model: Model, gap: float) -> None:
     nav[LONGITUDE] = wrapped_angle(nav[LONGITUDE] + eastward)
     speed2 = nav[V_NORTH] ** 2 + nav[V_NORTH + 1] ** 2 + nav[V_DOWN] ** 2
     force = model.gap_acceleration**2
-    turn = min(model.gap_rate**2 * gap, 1.0)
     v2 = speed2 + force * gap
     r2 = v2 * gap * gap
     for i in range(3):
         m.p[POSITION + i, POSITION + i] += r2
         m.p[VELOCITY + i, VELOCITY + i] += v2
-        m.p[ATTITUDE + i, ATTITUDE + i] += turn
+        rate = model.gap_tilt_rate if i < 2 else model.gap_rate
+        m.p[ATTITUDE + i, ATTITUDE + i] += min(rate**2 * gap, 1.0)
     # A vehicle rolls and pitches to and fro, but may keep on turning
     m.p[ATTITUDE + 2, ATTITUDE + 2] += min((model.gap_rate * gap) ** 2, pi * pi / 3.0)
     b = model.where[I_BARO]

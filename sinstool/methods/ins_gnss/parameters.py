@@ -163,6 +163,7 @@ def loop_parameters(kind: states.FilterKind, settings: Settings) -> dict[str, An
         "escalate": control.escalate,
         "max_gap": settings.max_gap,
         "gap_acceleration": settings.gap_acceleration,
+        "gap_tilt_rate": settings.gap_tilt_rate,
         "gap_rate": settings.gap_rate,
         "baro_gate": settings.baro_gate,
         "measured": control.measured_epochs > 0,

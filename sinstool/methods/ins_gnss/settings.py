@@ -237,8 +237,9 @@ class Settings:
     max_gap : float
         IMU gaps up to this are bridged with the motion next to them, s; after longer ones the
         filter begins anew.
-    gap_acceleration, gap_rate : float
-        What the motion in a gap may have been beyond that, m/s^2 and rad/s (1 sigma).
+    gap_acceleration, gap_tilt_rate, gap_rate : float
+        What the motion in a gap may have been beyond that, m/s^2, and rad/s across and about the
+        vertical (1 sigma).
 
     Raises
     ------
@@ -264,6 +265,7 @@ class Settings:
     baro_gate: float = 5.0
     max_gap: float = 5.0
     gap_acceleration: float = 1.0
+    gap_tilt_rate: float = 0.1
     gap_rate: float = 0.1
 
     def __post_init__(self) -> None:
@@ -280,6 +282,7 @@ class Settings:
             correction_walk=self.correction_walk,
             max_gap=self.max_gap,
             gap_acceleration=self.gap_acceleration,
+            gap_tilt_rate=self.gap_tilt_rate,
             gap_rate=self.gap_rate,
         )
 

@@ -30,6 +30,7 @@ from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
+from sinstool.pipelines.process.ins_gnss.start_over_gaps import start_over_gaps
 from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions
 from sinstool.pipelines.process.vehicle_used import VehicleUsed
 from sinstool.survey.grade import to_align_as
@@ -132,10 +133,15 @@ def _before_short_gaps(
     ends = [(ns, ns + round(s * SECOND)) for ns, s in source.survey.gaps if ns > first_ns]
     while before := [last_ns for last_ns, next_ns in ends if next_ns <= start.time_ns]:
         earlier = _start_within(source, config, start, first_ns, before[-1])
+        carried = earlier is None
         if earlier is None:
-            break
+            earlier = start_over_gaps(source, config, algorithm, start, first_ns)
+            if earlier is start:
+                break
         # The filter runs on from there: a wrong attitude would cost what follows, too
         start = with_likeliest(source, config, algorithm, earlier, earlier)
+        if carried:
+            break
     return start
 
 

@@ -29,6 +29,7 @@ from sinstool.methods.sensor_errors import (
 from sinstool.pipelines.align.in_motion import imu_noise
 from sinstool.pipelines.process.height import height_reference, network
 from sinstool.survey.grade import NOISIER, ImuGrade, gyro_walk_shown, random_walks
+from sinstool.survey.motion_in_gaps import motion_in_gaps
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source
 
@@ -54,7 +55,7 @@ def filter_settings(
     if reference is not None and options.filter.startswith("network"):
         damping, _ = network(config, grade, source.latitude or 0.0)
     baro = _baro_model(config, grade, model, reference)
-    return Settings(
+    settings = Settings(
         filter=options.filter,
         imu=_imu(source, config, judged),
         gnss=model,
@@ -74,6 +75,15 @@ def filter_settings(
             restart_after=options.restart_after,
         ),
         lever_arm_b=config.gnss.lever_arm or (0.0, 0.0, 0.0),
+    )
+    moved = motion_in_gaps(source.survey, settings.max_gap)
+    if moved is None:
+        return settings
+    return replace(
+        settings,
+        gap_acceleration=max(settings.gap_acceleration, moved.force),
+        gap_tilt_rate=max(settings.gap_tilt_rate, moved.tilt),
+        gap_rate=max(settings.gap_rate, moved.heading),
     )
 
 

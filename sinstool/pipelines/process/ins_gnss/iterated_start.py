@@ -27,10 +27,11 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.methods.ins_gnss.settings import Start
-from sinstool.methods.ins_gnss.smoother import Smoother, corrected_navigation
+from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z
 from sinstool.methods.strapdown.velocity import Increments
+from sinstool.pipelines.process.ins_gnss.before_start import corrected_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
 
@@ -64,10 +65,10 @@ def iterated(begun: FilterStart, motion: Increments | None) -> Start:
     joined = joined_updates(motion, JOINED_S)
     least = np.inf
     for _ in range(MOST_STEPS):
-        smoothed = _smoothed(replace(begun, start=start), joined)
+        smoothed = smoothed_over(replace(begun, start=start), joined)
         if smoothed is None:
             break
-        cost, nav = smoothed
+        cost, nav = smoothed[0], smoothed[1].nav
         if cost > least + ASTRAY:
             return begun.start
         least = min(least, cost)
@@ -79,8 +80,22 @@ def iterated(begun: FilterStart, motion: Increments | None) -> Start:
     return start
 
 
-def _smoothed(begun: FilterStart, motion: Increments) -> tuple[float, np.ndarray] | None:
-    """-2 log likelihood of the innovations, and the smoothed navigation at the start."""
+def smoothed_over(begun: FilterStart, motion: Increments) -> tuple[float, Start] | None:
+    """A start corrected by smoothing over what follows.
+
+    Parameters
+    ----------
+    begun : FilterStart
+        With the latency and the lever arm that its fixes are to be used with.
+    motion : Increments
+        From the start on, for some minutes.
+
+    Returns
+    -------
+    cost, start : float, Start
+        -2 log likelihood of the innovations, and the corrected start, with the sigmas of the
+        smoother. None with too few fixes.
+    """
     # A gate would leave out fixes that a wrong attitude contradicts
     control = replace(begun.settings.control, gate_probability=1.0, adaptive="off")
     settings = replace(begun.settings, network=None, control=control)
@@ -94,6 +109,7 @@ def _smoothed(begun: FilterStart, motion: Increments) -> tuple[float, np.ndarray
         return None
     with Smoother(run.kind, outputs=False) as smoother:
         smoother.push(block)
-        error = smoother.epochs().first_error.copy()
-    nav = corrected_navigation(begun.start.nav[None], error[None])[0]
-    return float(np.sum(unlikely(epochs))), nav
+        smoothed = smoother.epochs()
+        error, covariance = smoothed.first_error.copy(), smoothed.first_covariance.copy()
+    corrected = corrected_start(begun.start, error, covariance, smoothed.kind)
+    return float(np.sum(unlikely(epochs))), corrected

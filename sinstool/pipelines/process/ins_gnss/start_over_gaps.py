@@ -1,0 +1,230 @@
+"""A start carried back over IMU gaps that a filter bridges, to where its log begins.
+
+Where a log has a gap every few seconds, no part of it between two gaps may be long enough to show
+an attitude, except one late in the log. That attitude is carried back over a few gaps, in which
+the vehicle turned by an unknown angle, until it is as uncertain as a filter can start from. From
+there a smoother finds it as accurately as the next minutes show it, and it is carried on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sinstool.config import ProcessConfig
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.choices import log_choice
+from sinstool.core.errors import AlignmentError
+from sinstool.core.streams import concatenate, take_rows
+from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
+from sinstool.methods.alignment.initial import Alignment
+from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.ins_gnss.carried_back import carried_back
+from sinstool.methods.ins_gnss.instants import GAP_TIME
+from sinstool.methods.ins_gnss.settings import Start
+from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
+from sinstool.methods.strapdown.navigation import Q_W, Q_Z, SIZE, navigate_backward
+from sinstool.methods.strapdown.velocity import Increments
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
+from sinstool.pipelines.process.ins_gnss.iterated_start import iterated, smoothed_over
+from sinstool.pipelines.process.ins_gnss.timing import motion_from
+from sinstool.survey.grade import to_align_as
+from sinstool.survey.increments import SegmentIncrements
+from sinstool.survey.source import Source
+
+# Sigmas up to which a smoother finds a tilt and a heading again, rad.
+TILT_SIGMA, HEADING_SIGMA = 35.0 * DEGREE, 10.0 * DEGREE
+# A step goes back no further than this; a smoother finds its attitude from so much that follows.
+MOST_NS, SMOOTHED_NS = 120 * SECOND, 150 * SECOND
+# A start this shortly after a fix has its position.
+AT_FIX_NS = SECOND // 5
+
+
+def start_over_gaps(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    first_ns: int,
+) -> FilterStart:
+    """A start as early as it can be carried back over gaps.
+
+    Parameters
+    ----------
+    first_ns : int
+        No earlier than this.
+
+    Returns
+    -------
+    FilterStart
+        The start that was given if it cannot be carried back over the gap before it.
+    """
+    begun = start
+    while (earlier := _step(source, config, algorithm, start, first_ns)) is not None:
+        start = earlier
+    if start is begun:
+        return start
+    seconds = (begun.time_ns - start.time_ns) / SECOND
+    how = f"{begun.how}; carried back over gaps of the IMU by another {seconds:.0f} s"
+    log_choice("start before gaps", how)
+    return replace(start, how=how)
+
+
+def _step(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    first_ns: int,
+) -> FilterStart | None:
+    """A start before at least one more gap; None where that is too uncertain."""
+    gaps = [ns for ns, _ in source.survey.gaps if first_ns < ns < start.time_ns]
+    if not gaps:
+        return None
+    corrected = _corrected(source, config, algorithm, start)
+    if corrected is None:
+        return None
+    begin_ns = max(first_ns, start.time_ns - MOST_NS)
+    updates, bridged = _updates(source, config, algorithm, begin_ns, start.time_ns)
+    if updates is None:
+        return None
+    q_nb, covariance = _carried(corrected, start, updates, bridged)
+    tilt = np.sqrt(np.linalg.eigvalsh(covariance[:, :2, :2])[:, -1])
+    sure = (tilt < TILT_SIGMA) & (np.sqrt(covariance[:, 2, 2]) < HEADING_SIGMA)
+    possible = sure & ~bridged & (updates.time_ns < gaps[-1])
+    for row in _after_fixes(start, updates.time_ns):
+        if not possible[row]:
+            continue
+        alignment = _alignment(start.alignment, corrected, q_nb[row], covariance[row])
+        alignment = replace(alignment, time_ns=int(updates.time_ns[row]))
+        try:
+            found = find_start(
+                source,
+                to_align_as(config, start.grade),
+                start.settings,
+                StartFixes.of(start.used, start.settings.gnss),
+                alignment,
+            )
+        except AlignmentError:
+            continue
+        earlier = start.at(found)
+        motion = _following(source, config, algorithm, earlier)
+        return replace(earlier, start=iterated(earlier, motion))
+    return None
+
+
+def _following(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> Increments | None:
+    """Increments of the next minutes."""
+    motion = motion_from(source, config, algorithm, start.time_ns)
+    if motion is None:
+        return None
+    return take_rows(motion, motion.time_ns <= start.time_ns + SMOOTHED_NS)
+
+
+def _corrected(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> Start | None:
+    """The start as smoothed over what follows."""
+    motion = _following(source, config, algorithm, start)
+    if motion is None:
+        return None
+    smoothed = smoothed_over(start, joined_updates(motion, JOINED_S))
+    return None if smoothed is None else smoothed[1]
+
+
+def _updates(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, begin_ns: int, end_ns: int
+) -> tuple[Increments | None, BoolArray]:
+    """Updates of a time, those that bridge its gaps among them, and which these are."""
+    made = [
+        take_rows(increments, increments.time_ns <= end_ns)
+        for increments, _, _ in SegmentIncrements(source, config, algorithm).from_time(
+            begin_ns, end_ns
+        )
+    ]
+    made = [part for part in made if len(part.time_ns)]
+    if not made:
+        return None, np.zeros(0, dtype=np.bool_)
+    updates = concatenate(made)
+    if int(updates.time_ns[-1]) != end_ns:
+        return None, np.zeros(0, dtype=np.bool_)  # the start is no end of an update
+    return _bridged(updates)
+
+
+def _bridged(updates: Increments) -> tuple[Increments, BoolArray]:
+    """Updates with another for each gap, of the mean motion on both sides as in a filter."""
+    dt = updates.interval
+    waited = np.diff(updates.time_ns) / SECOND - dt[1:]
+    after = np.flatnonzero(waited > 0.5 * dt[1:]) + 1
+    rate, force = updates.rotation_vector / dt[:, None], updates.velocity_increment / dt[:, None]
+    length = waited[after - 1]
+
+    def put(values: FloatArray, between: FloatArray) -> FloatArray:
+        return np.insert(values, after, between, axis=0)
+
+    def mean(values: FloatArray) -> FloatArray:
+        return 0.5 * (values[after - 1] + values[after]) * length[:, None]
+
+    ends = updates.time_ns[after] - np.rint(dt[after] * SECOND).astype(np.int64)
+    whole = Increments(
+        np.insert(updates.sample, after, updates.sample[after - 1]),
+        np.insert(updates.time_ns, after, ends),
+        put(dt, length),
+        put(updates.rotation_vector, mean(rate)),
+        put(updates.velocity_increment, mean(force)),
+    )
+    return whole, np.asarray(put(np.zeros(len(dt), np.bool_), np.ones(len(after), np.bool_)))
+
+
+def _carried(
+    corrected: Start, start: FilterStart, updates: Increments, bridged: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Attitude at each update's end, and its covariance, rad^2."""
+    dt = updates.interval
+    rows = np.empty((len(dt) + 1, SIZE))
+    rows[-1] = corrected.nav
+    navigate_backward(
+        corrected.nav.copy(),
+        np.ascontiguousarray(updates.rotation_vector - corrected.gyro_bias * dt[:, None]),
+        np.ascontiguousarray(updates.velocity_increment - corrected.accel_bias * dt[:, None]),
+        np.ascontiguousarray(dt),
+        rows[:-1],
+    )
+    q_nb = rows[:, Q_W : Q_Z + 1]
+    rates = np.array([start.settings.gap_tilt_rate] * 2 + [start.settings.gap_rate])
+    unseen = np.where(bridged[:, None], rates**2 * GAP_TIME * dt[:, None], 0.0)
+    seconds, nodes = carried_back(corrected, start.settings.imu, updates, q_nb, unseen)
+    before = (updates.time_ns[-1] - updates.time_ns) / SECOND
+    at = np.clip(np.searchsorted(seconds, before), 0, len(seconds) - 1)
+    return q_nb[1:], nodes[at, 6:, 6:]
+
+
+def _after_fixes(start: FilterStart, time_ns: IntArray) -> IntArray:
+    """The first update's end after each position, in order."""
+    late = round(start.settings.gnss_latency * SECOND)
+    valid = start.used.time_ns[start.used.has_position] - late
+    row = np.searchsorted(time_ns, valid)
+    inside = row < len(time_ns)
+    row, valid = row[inside], valid[inside]
+    return np.asarray(row[time_ns[row] - valid < AT_FIX_NS])
+
+
+def _alignment(
+    like: Alignment, corrected: Start, q_nb: FloatArray, covariance: FloatArray
+) -> Alignment:
+    """An alignment with this attitude and the gyro bias of a corrected start."""
+    sigma = np.sqrt(np.diag(covariance))
+    return replace(
+        like,
+        q_nb=q_nb,
+        covariance_n=covariance,
+        sigma_rad=(float(sigma[0]), float(sigma[1]), float(sigma[2])),
+        gyro_bias=corrected.gyro_bias,
+        gyro_bias_sigma=corrected.gyro_bias_sigma,
+        bias_source="alignment",
+    )
