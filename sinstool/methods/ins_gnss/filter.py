@@ -20,7 +20,7 @@ from sinstool.methods.ins_gnss.constraints import (
     VehicleEstimate,
     vehicle_estimate,
 )
-from sinstool.methods.ins_gnss.loop import run
+from sinstool.methods.ins_gnss.loop import BRIDGE, run
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import GYRO_AXES, LAND_VEHICLE, FilterKind
 from sinstool.methods.strapdown.followed_rates import followed_rates
@@ -305,7 +305,8 @@ class InsGnssFilter:
         most = min(self.settings.row_interval, 1.0)
         if self._constraints is not None:
             most = min(most, INTERVAL)
-        room = int(epochs + 2.0 * spent / most) + 8
+        gaps = np.count_nonzero(np.diff(time_ns) * 1e-9 - interval[1:] > BRIDGE) + 1
+        room = int(epochs + 2.0 * spent / most) + 2 * gaps + 8
         stored = layout.new_stored(room if self._store else 1, n)
         channel_events = height_layout.new_events(len(heights))
         events = np.empty((_MOST_EVENTS, layout.EVENT_WIDTH))

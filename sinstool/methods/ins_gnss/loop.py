@@ -157,6 +157,10 @@ def run(
                     fix_next += 1
         if bridges > 0:
             instants.close_substep(m, model)
+            if bridges > 1:
+                # What a smoother corrects may be another thing on each side
+                instants.open_instant(m, model, stored)
+                instants.close_instant(m, model, stored)
             m.in_gap = 1.0
             _motion_in_gap(m, gap, time, interval, phi, dv, k)
 
@@ -175,6 +179,9 @@ def run(
                 if bridges > 0:
                     instants.close_substep(m, model)
                     m.in_gap = 0.0
+                if bridges > 1:
+                    instants.open_instant(m, model, stored)
+                    instants.close_instant(m, model, stored)
                 d = dt
                 px, py, pz = phi[k, 0], phi[k, 1], phi[k, 2]
                 ux, uy, uz = dv[k, 0], dv[k, 1], dv[k, 2]
