@@ -62,9 +62,7 @@ def motion_in_gaps(survey: Survey, most_s: float) -> MotionInGaps | None:
     apart = windows.start_ns[first + wide - 1] - windows.start_ns[first]
     full = windows.count >= 0.9 * np.median(windows.count)
     holes = np.cumsum(np.concatenate([[0], ~full]))
-    good = (holes[first + wide] == holes[first]) & (
-        apart < (wide - 0.5) * WINDOW_S * SECOND
-    )
+    good = (holes[first + wide] == holes[first]) & (apart < (wide - 0.5) * WINDOW_S * SECOND)
     first = first[good]
     if len(first) < LEAST_PLACES:
         return None

@@ -305,7 +305,7 @@ class InsGnssFilter:
         most = min(self.settings.row_interval, 1.0)
         if self._constraints is not None:
             most = min(most, INTERVAL)
-        gaps = np.count_nonzero(np.diff(time_ns) * 1e-9 - interval[1:] > BRIDGE) + 1
+        gaps = int(np.count_nonzero(np.diff(time_ns) * 1e-9 - interval[1:] > BRIDGE)) + 1
         room = int(epochs + 2.0 * spent / most) + 2 * gaps + 8
         stored = layout.new_stored(room if self._store else 1, n)
         channel_events = height_layout.new_events(len(heights))

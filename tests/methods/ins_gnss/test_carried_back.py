@@ -80,6 +80,21 @@ def test_errors_are_as_large_as_said(grade):
     assert np.all(ratio < 1.15) and np.all(ratio > least)
 
 
+def test_turns_that_no_gyro_has_seen():
+    imu, n = IMU_GRADES["tactical"], 50
+    begin = start(0.8, 0.2, 0.0, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], 1.0, 0.1, 0.01)
+    still = np.zeros((n, 3))
+    updates = Increments(np.arange(n), np.arange(n), np.full(n, DT), still, still)
+    q_nb, unseen = np.tile(begin.nav[6:10], (n + 1, 1)), np.zeros((n, 3))
+    unseen[25] = [0.01, 0.02, 0.03]
+    seconds, plain = carried_back(begin, imu, updates, q_nb)
+    _, more = carried_back(begin, imu, updates, q_nb, unseen)
+    grown = np.diagonal(more - plain, axis1=1, axis2=2)[:, 6:]
+    before = seconds > DT * 25
+    assert grown[before] == pytest.approx(np.tile([0.01, 0.02, 0.03], (before.sum(), 1)))
+    assert not grown[~before].any()
+
+
 def test_nothing_before_it():
     begin = start(0.8, 0.2, 0.0, [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], 1.0, 0.1, 0.01)
     nothing = np.empty((0, 3))

@@ -529,6 +529,20 @@ def test_specific_force_and_rate_are_those_of_the_middle_of_an_update():
     assert np.sqrt(np.mean(rate**2)) < 1e-4
 
 
+def test_a_bridged_gap_has_a_row_on_either_side():
+    """Between two rows a smoother's corrections are linear; across a gap they are not."""
+    flown, begin, length = Flown(), 5003, 0.4
+    missing = np.arange(begin, begin + round(length * 50))
+    everything = np.arange(len(flown.increments.interval))
+    stated = replace_increments(flown.increments, np.delete(everything, missing))
+    _, (block, *_) = flown.run(flown.using("markov-21"), increments=stated, store=True)
+    ends = flown.increments.time_ns[[begin - 1, missing[-1]]]
+    rows = np.isin(block.stored.time_ns, ends)
+    assert np.count_nonzero(rows) == 2
+    # Both lie between the update before and the one after
+    assert np.all(block.stored.update[rows] == begin)
+
+
 def test_after_a_long_gap_hardly_anything_is_known():
     """Each variance grows by what the vehicle may have done, and by nothing more."""
     flown, begin, length = Flown(), 5000, 8.0
@@ -537,7 +551,7 @@ def test_after_a_long_gap_hardly_anything_is_known():
     stated = replace_increments(flown.increments, np.delete(everything, missing))
     # no fix after the gap, which would tell more at once
     early = flown.gnss.time_ns < flown.increments.time_ns[begin - 1]
-    settings = flown.using("markov-21")
+    settings = replace(flown.using("markov-21"), gap_tilt_rate=0.2)
     _, blocks = flown.run(settings, increments=stated, gnss=flown.gnss.rows(early))
     u = blocks[0].updates
     before, after = begin - 1, begin
@@ -549,9 +563,9 @@ def test_after_a_long_gap_hardly_anything_is_known():
     position = np.diagonal(u.covariance_position_n[after] - u.covariance_position_n[before])
     assert position == pytest.approx(np.full(3, grown * length**2), rel=0.05)
     attitude = np.diagonal(u.covariance_attitude_n[after] - u.covariance_attitude_n[before])
-    turned = min(settings.gap_rate**2 * length, 1.0)
+    tilted, turned = (rate**2 * length for rate in (settings.gap_tilt_rate, settings.gap_rate))
     kept_on = min((settings.gap_rate * length) ** 2, np.pi**2 / 3.0)
-    assert attitude == pytest.approx([turned, turned, turned + kept_on], rel=0.05)
+    assert attitude == pytest.approx([tilted, tilted, turned + kept_on], rel=0.05)
 
 
 # --- what errors of the sensors do --------------------------------------------------------

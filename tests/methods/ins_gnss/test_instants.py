@@ -103,7 +103,9 @@ def test_jumps_of_a_barometer_after_each_other_leave_the_height_in_doubt(flown, 
 
 def test_a_gap_adds_what_a_vehicle_can_have_done_in_it(flown):
     """Beside the same filter that is in no gap: forces and turns that last for a while."""
-    settings = replace(flown.using("plain-15"), gap_acceleration=3.0, gap_rate=0.4)
+    settings = replace(
+        flown.using("plain-15"), gap_acceleration=3.0, gap_tilt_rate=0.6, gap_rate=0.4
+    )
     after = []
     for in_gap in (0.0, 1.0):
         run = InsGnssFilter(flown.start, settings, with_baro=False)
@@ -114,7 +116,7 @@ def test_a_gap_adds_what_a_vehicle_can_have_done_in_it(flown):
         instants.close_substep(m, run._model)
         after.append(run.covariance)
     more = np.zeros((15, 15))
-    for block, density in ((VELOCITY, 3.0), (ATTITUDE, 0.4)):
+    for block, density in ((VELOCITY, 3.0), (ATTITUDE, np.array([0.6, 0.6, 0.4]))):
         rows = block + np.arange(3)
         more[rows, rows] = density**2 * instants.GAP_TIME * 0.1
     np.testing.assert_allclose(after[1] - after[0], more, rtol=1e-9, atol=1e-15)

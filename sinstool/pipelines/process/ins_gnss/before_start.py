@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
@@ -34,11 +35,14 @@ from sinstool.methods.strapdown.navigation import (
 )
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.survey.imu import Survey
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
 # Further back the position is of no use any more.
 MAX_NS = 300 * SECOND
+# Share of a log with fixes without a solution beyond which it is no solution of this log.
+MOST_WITHOUT = 0.5
 
 
 def corrected_start(
@@ -158,6 +162,37 @@ def before_start(
         velocity,
         attitude,
     )
+
+
+def before_start_finding(survey: Survey, start: FilterStart, first_ns: int) -> Finding:
+    """What a solution contains of the time before a filter's start.
+
+    Parameters
+    ----------
+    start : FilterStart
+        Behind the log's first sample.
+    first_ns : int
+        Time of the first solution.
+
+    Returns
+    -------
+    Finding
+        Lost if most of the log from its first fix on has no solution.
+    """
+    begin_ns = survey.first_ns
+    text = before_start_text((first_ns - begin_ns) / SECOND, (start.time_ns - begin_ns) / SECOND)
+    fixes = start.used.time_ns[start.used.has_position]
+    from_ns = max(begin_ns, int(fixes[0])) if len(fixes) else begin_ns
+    if first_ns - from_ns > MOST_WITHOUT * (survey.last_ns - from_ns):
+        return Finding(
+            "before-start",
+            text,
+            Severity.LOST,
+            "give the first attitude with --align fixed --initial-attitude ROLL,PITCH,HEADING",
+            start_ns=begin_ns,
+            end_ns=first_ns,
+        )
+    return Finding("before-start", text, Severity.WARNING)
 
 
 def before_start_text(without_s: float, before_s: float) -> str:

@@ -42,7 +42,7 @@ from sinstool.pipelines.process.height import Damping, height_warnings
 from sinstool.pipelines.process.ins_gnss import settings_used
 from sinstool.pipelines.process.ins_gnss.before_start import (
     before_start,
-    before_start_text,
+    before_start_finding,
     smoothed_start,
 )
 from sinstool.pipelines.process.ins_gnss.between_gaps import (
@@ -479,9 +479,8 @@ class FilterRun(Mode):
             note("coning", self.plan.algorithm.caveat)
         findings += self._shown
         findings += settings_used.notes(p, s, self.config, self._offsets_error.largest_m)
-        before = (p.time_ns - first_ns) / SECOND
-        if before > 0.0:
-            note("before-start", before_start_text((self._first_ns - first_ns) / SECOND, before))
+        if p.time_ns > first_ns:
+            findings.append(before_start_finding(self.source.survey, p, self._first_ns))
         vehicle, used = vehicle_of(self._stretches)
         findings += vehicle.findings(used)
         findings += [*self._diagnosis(), *contradictions(p, self.source.findings)]
@@ -495,6 +494,7 @@ class FilterRun(Mode):
                 f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} GNSS epochs were rejected",
             )
         if p.reference is not None and s.gains is not None:
+            before = (p.time_ns - first_ns) / SECOND
             texts = height_warnings(s.channel, channel_events_of(self._stretches), before)
             findings += warned("height", texts)
         return findings

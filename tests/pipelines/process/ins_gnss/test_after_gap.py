@@ -83,6 +83,25 @@ def test_what_precedes_a_short_gap_is_not_lost_either(tmp_path):
     assert error.max() < 6.0 and sigmas.max() < 4.0
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("every, seed", [(10.0, 4), (15.0, 7)])
+def test_a_start_is_carried_back_over_many_short_gaps(tmp_path, every, seed):
+    """No stretch was long enough to show an attitude but one after seven minutes: no solution.
+
+    Tilts were 0.2 rad off beside gaps, by 20 of their sigmas: a multicopter leans this way and that
+    in them, and the smoother was linear across.
+    """
+    truth = multicopter(seed=seed, duration=450.0)
+    data = record(truth, GRADES["industrial"], 1, sigma=0.5)
+    for begin in np.arange(every, 400.0, every):
+        data = without_samples(data, begin, 0.4)
+    answer, status, _ = process(write(tmp_path / "gap.mcap", data), truth, ["--smooth"])
+    assert status == 0 and answer.seconds[0] < 1.0
+    spread = np.sqrt(np.mean(np.square(answer.error / answer.sigma), axis=0))
+    assert spread.max() < 1.7 and spread.min() > 0.25
+    assert np.abs(answer.error[:, 6:8]).max() < 0.15
+
+
 @pytest.mark.parametrize("length", [0.4, 30.0])
 def test_which_gaps_a_filter_bridges_is_said(tmp_path, length):
     """ "Nothing is integrated across it" was said of 0.4 s, too."""
