@@ -2,9 +2,9 @@
 
 How far a vehicle turned in such a gap is unknown, so the attitude is aligned from the data that
 follow, as at the start of a log. The estimated sensor errors are carried over. If a log's best
-start lies behind a gap, the part before the gap gets a start of its own in the same way: also
-before a short gap, which a filter bridges, but across which no start is carried back. Latency and
-noise are estimated where the log shows most of them.
+start lies behind a gap, the part before the gap gets a start of its own in the same way, also
+before short gaps, which a filter bridges. Latency and noise are estimated where the log shows most
+of them.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from sinstool.methods.ins_gnss.results import FilterEvent
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.start_over_gaps import start_over_gaps
@@ -113,10 +114,46 @@ def start_before_gaps(
         if found is not None:
             break
         first_ns = next_ns
-    return _before_short_gaps(source, config, algorithm, found or planned, first_ns)
+    if found is None:
+        return planned
+    start = _over_short_gaps(source, config, algorithm, found, first_ns)
+    # The filter runs on from there: a wrong attitude would cost what follows, too
+    return found if start is found else with_likeliest(source, config, algorithm, start, start)
 
 
-def _before_short_gaps(
+def before_short_gaps(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    first: FilterStart | None = None,
+) -> FilterStart:
+    """A first start before the short gaps that precede it, so that all that follows is judged.
+
+    Parameters
+    ----------
+    first : FilterStart, optional
+        By :func:`~sinstool.pipelines.process.ins_gnss.first_start.first_start`.
+
+    Returns
+    -------
+    FilterStart
+        With `placed` set if it is another.
+
+    Raises
+    ------
+    AlignmentError
+        The log shows no first start.
+    """
+    first = first or first_start(source, config)
+    if _place_configured(config):
+        return first
+    behind = [next_ns for _, next_ns in _gaps(source, first.settings) if next_ns <= first.time_ns]
+    begin_ns = max([source.survey.first_ns, *behind])
+    start = _over_short_gaps(source, config, algorithm, first, begin_ns)
+    return first if start is first else replace(start, placed=True)
+
+
+def _over_short_gaps(
     source: Source,
     config: ProcessConfig,
     algorithm: ConingAlgorithm,
@@ -133,15 +170,9 @@ def _before_short_gaps(
     ends = [(ns, ns + round(s * SECOND)) for ns, s in source.survey.gaps if ns > first_ns]
     while before := [last_ns for last_ns, next_ns in ends if next_ns <= start.time_ns]:
         earlier = _start_within(source, config, start, first_ns, before[-1])
-        carried = earlier is None
         if earlier is None:
-            earlier = start_over_gaps(source, config, algorithm, start, first_ns)
-            if earlier is start:
-                break
-        # The filter runs on from there: a wrong attitude would cost what follows, too
-        start = with_likeliest(source, config, algorithm, earlier, earlier)
-        if carried:
-            break
+            return start_over_gaps(source, config, algorithm, start, first_ns)
+        start = earlier
     return start
 
 

@@ -134,6 +134,9 @@ class FilterStart:
         receiver allow, with the latency and lever arm of the log.
     noisier_gyros : float, optional
         Noise of low-cost gyros by the drift without fixes, over that of their grade.
+    placed : bool, optional
+        It lies before gaps behind which an alignment finds its attitude: with another latency or
+        grade the attitude is the same.
     clock : ClockRate, optional
         Rate of the receiver's clock, by which the stamps of `gnss` were corrected.
     """
@@ -167,6 +170,7 @@ class FilterStart:
     denied: float = 0.0
     unexplained: float = 0.0
     noisier_gyros: float = 1.0
+    placed: bool = False
     clock: ClockRate = STEADY
 
     @cached_property

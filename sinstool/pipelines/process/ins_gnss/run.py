@@ -47,6 +47,7 @@ from sinstool.pipelines.process.ins_gnss.before_start import (
 )
 from sinstool.pipelines.process.ins_gnss.between_gaps import (
     Stretch,
+    before_short_gaps,
     channel_events_of,
     events_of,
     gap_findings,
@@ -59,7 +60,6 @@ from sinstool.pipelines.process.ins_gnss.between_gaps import (
 from sinstool.pipelines.process.ins_gnss.contradictions import contradictions
 from sinstool.pipelines.process.ins_gnss.false_fixes import find_false_fixes
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
-from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.sample_kind import with_sample_kind
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.untrusted import (
@@ -106,13 +106,14 @@ class FilterRun(Mode):
     diagnostic_names = DIAGNOSTIC_NAMES
 
     def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
-        source, first, false = find_false_fixes(source, config, plan.algorithm, plan.filter_start)
+        algorithm = plan.algorithm
+        source, first, false = find_false_fixes(source, config, algorithm, plan.filter_start)
+        first = before_short_gaps(source, config, algorithm, first)
         config, first, start, means = with_sample_kind(source, config, plan, first)
         self._shown = [*false, *means]
         super().__init__(source, config, plan)
-        self._planned = timed_start(source, config, plan.algorithm, first, start)
-        start = start_before_gaps(source, config, plan.algorithm, self._planned)
-        self._start = start
+        self._planned = timed_start(source, config, algorithm, first, start)
+        self._start = start = start_before_gaps(source, config, algorithm, self._planned)
         self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")
         self._damping: Damping | None = None
         if start.reference is not None:
@@ -171,7 +172,8 @@ class FilterRun(Mode):
         assert aiding.gnss is not None
         source = replace(self.source, aiding=replace(aiding, gnss=clock.corrected(aiding.gnss)))
         try:
-            begun = timed_start(source, self.config, algorithm, first_start(source, self.config))
+            begun = before_short_gaps(source, self.config, algorithm)
+            begun = timed_start(source, self.config, algorithm, begun)
         except AlignmentError:
             return False
         self.source, self._best = source, None
@@ -315,8 +317,8 @@ class FilterRun(Mode):
             # The first minutes, from which the cause of a fault is found
             if not self._first or updates.time_ns[0] <= self._first[0].time_ns[0] + DIAGNOSED_NS:
                 self._first.append(updates)
-            estimate = run.summary
-            self._biases.append((int(imu.time_ns[-1]), estimate.gyro_bias, estimate.accel_bias))
+            now = run.summary
+            self._biases.append((int(imu.time_ns[-1]), now.gyro_bias, now.accel_bias))
             self._offset_ns = int(imu.log_time_ns[-1]) - int(imu.time_ns[-1])
             if len(block.gnss):
                 if p.settings.feedback == "closed":  # else too far off for linear innovations
@@ -489,10 +491,8 @@ class FilterRun(Mode):
                 concatenate(self._gnss), events_of(self._stretches), s.mean_nis, first_ns
             )
         if s.epochs_gated and not any(one.kind == TOO_MANY_REJECTED for one in findings):
-            note(
-                "rejected-fixes",
-                f"{s.epochs_gated} of {s.epochs_used + s.epochs_gated} GNSS epochs were rejected",
-            )
+            epochs = s.epochs_used + s.epochs_gated
+            note("rejected-fixes", f"{s.epochs_gated} of {epochs} GNSS epochs were rejected")
         if p.reference is not None and s.gains is not None:
             before = (p.time_ns - first_ns) / SECOND
             texts = height_warnings(s.channel, channel_events_of(self._stretches), before)

@@ -141,7 +141,8 @@ def timed(
         arm = float(x), float(y), float(z)
         timed = replace(first.settings, gnss_latency=latency, lever_arm_b=arm)
         fixes = StartFixes.of(first.used, timed.gnss)
-        found = find_start(source, here, timed, fixes, near=first.alignment)
+        aligned = first.alignment if first.placed else None
+        found = find_start(source, here, timed, fixes, aligned, near=first.alignment)
         start = start_in_longest(source, config, replace(first.at(found), settings=timed))
         start = with_likeliest(source, config, algorithm, start, start)
         return _with_noise(source, config, algorithm, start)
@@ -404,6 +405,8 @@ def _begun_as(
     Not if it needs a larger latency: an alignment that is too uncertain at the right latency may
     pass with a wrong one.
     """
+    if first.placed:
+        return regraded(source, config, first, grade)
     with suppress(AlignmentError):
         begun = first_start(source, config, grade, lag)
         if abs(begun.settings.gnss_latency) <= abs(first.settings.gnss_latency):
