@@ -14,7 +14,7 @@ import numpy as np
 from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import part
 from sinstool.core.quaternion_kernels import dcm, increment_quaternion, product, wrapped_angle
-from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, MILLI_G
+from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, MILLI_G, STANDARD_GRAVITY
 from sinstool.methods.height.channel import feedback as channel_feedback
 from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION, S_STEP
 from sinstool.methods.ins_gnss import layout, states
@@ -35,6 +35,7 @@ Matrix = tuple[float, float, float, float, float, float, float, float, float]
 _D = states.POSITION + 2
 _VD = states.VELOCITY + 2
 
+LARGE_TILT = 2.0 * (5.0 * DEGREE) ** 2  # sum of two variances, rad^2
 GAP_TIME = 1.0  # s, correlation time of what the motion may have been in a gap
 
 # A second restart within this time, s, adds these sigmas, m/s, rad, rad/s and m/s^2, to those of
@@ -114,6 +115,11 @@ def close_substep(m: Memory, model: Model) -> None:
                 )
                 turn = model.gap_tilt_rate if i < 2 else model.gap_rate
                 m.p[states.ATTITUDE + i, states.ATTITUDE + i] += turn**2 * GAP_TIME * delta
+        tilt = m.p[states.ATTITUDE, states.ATTITUDE] + m.p[states.ATTITUDE + 1, states.ATTITUDE + 1]
+        if tilt > LARGE_TILT:
+            # Of second order: a tilt by an angle takes g angle^2 / 2 off the vertical force
+            vertical = STANDARD_GRAVITY * tilt
+            m.p[states.VELOCITY + 2, states.VELOCITY + 2] += 0.5 * vertical**2 * GAP_TIME * delta
     begin_substep(m)
 
 

@@ -122,6 +122,24 @@ def test_a_gap_adds_what_a_vehicle_can_have_done_in_it(flown):
     np.testing.assert_allclose(after[1] - after[0], more, rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.parametrize("tilt", [0.05, 0.5])
+def test_a_large_tilt_makes_the_vertical_velocity_uncertain(flown, tilt):
+    """By g (1 - cos tilt), which no linear filter knows; here by draws of the tilt itself."""
+    run = InsGnssFilter(flown.start, flown.using("plain-15"), with_baro=False)
+    m = run._memory
+    instants.begin_substep(m)
+    m.p[:] = 0.0
+    m.p[ATTITUDE, ATTITUDE] = m.p[ATTITUDE + 1, ATTITUDE + 1] = tilt**2
+    m.mean_c[:] = 0.1 * np.eye(3)
+    m.now += 0.1
+    instants.close_substep(m, run._model)
+    down = m.p[VELOCITY + 2, VELOCITY + 2]
+    random = np.random.default_rng(2)
+    lost = 9.80665 * 0.5 * np.sum((tilt * random.standard_normal((100_000, 2))) ** 2, axis=1)
+    expected = np.mean(lost**2) * instants.GAP_TIME * 0.1
+    assert down == pytest.approx(expected, rel=0.05) if tilt > 0.1 else down < 0.1 * expected
+
+
 def test_sigmas_admit_how_far_off_fixes_in_a_row_are(flown):
     long = Flown(duration=130.0)
     gnss = long.gnss

@@ -36,7 +36,7 @@ from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
 # Sigmas up to which a smoother finds a tilt and a heading again, rad.
-TILT_SIGMA, HEADING_SIGMA = 35.0 * DEGREE, 10.0 * DEGREE
+TILT_SIGMA, HEADING_SIGMA = 35.0 * DEGREE, 20.0 * DEGREE
 # A step goes back no further than this; a smoother finds its attitude from so much that follows.
 MOST_NS, SMOOTHED_NS = 120 * SECOND, 150 * SECOND
 # A start this shortly after a fix has its position.
@@ -141,19 +141,19 @@ def _updates(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, begin_ns: int, end_ns: int
 ) -> tuple[Increments | None, BoolArray]:
     """Updates of a time, those that bridge its gaps among them, and which these are."""
-    made = [
-        take_rows(increments, increments.time_ns <= end_ns)
-        for increments, _, _ in SegmentIncrements(source, config, algorithm).from_time(
-            begin_ns, end_ns
-        )
-    ]
-    made = [part for part in made if len(part.time_ns)]
+    steps = SegmentIncrements(source, config, algorithm)
+    made = [part for part, _, _ in steps.from_time(begin_ns, end_ns + SECOND)]
+    nothing = None, np.zeros(0, dtype=np.bool_)
     if not made:
-        return None, np.zeros(0, dtype=np.bool_)
+        return nothing
+    # One more, as the start may be the first sample after a gap
     updates = concatenate(made)
-    if int(updates.time_ns[-1]) != end_ns:
-        return None, np.zeros(0, dtype=np.bool_)  # the start is no end of an update
-    return _bridged(updates)
+    updates = take_rows(updates, slice(0, int(np.searchsorted(updates.time_ns, end_ns)) + 2))
+    whole, bridged = _bridged(updates)
+    inside = whole.time_ns <= end_ns
+    if not inside.any() or int(whole.time_ns[inside][-1]) != end_ns:
+        return nothing  # the start is no end of an update
+    return take_rows(whole, inside), bridged[inside]
 
 
 def _bridged(updates: Increments) -> tuple[Increments, BoolArray]:
