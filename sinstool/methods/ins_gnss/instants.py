@@ -107,6 +107,11 @@ def close_substep(m: Memory, model: Model) -> None:
                 m.p[states.ATTITUDE + i, states.ATTITUDE + i] += (
                     model.vehicle[layout.V_SHAKEN_RATE] * delta
                 )
+        tilt = m.p[states.ATTITUDE, states.ATTITUDE] + m.p[states.ATTITUDE + 1, states.ATTITUDE + 1]
+        if tilt > LARGE_TILT:
+            # Of second order: a tilt by an angle takes g angle^2 / 2 off the vertical force
+            vertical = STANDARD_GRAVITY * tilt
+            m.p[states.VELOCITY + 2, states.VELOCITY + 2] += 0.5 * vertical**2 * GAP_TIME * delta
         if m.in_gap > 0.0:
             # A force and a turn that last for GAP_TIME at a time
             for i in range(3):
@@ -115,11 +120,6 @@ def close_substep(m: Memory, model: Model) -> None:
                 )
                 turn = model.gap_tilt_rate if i < 2 else model.gap_rate
                 m.p[states.ATTITUDE + i, states.ATTITUDE + i] += turn**2 * GAP_TIME * delta
-        tilt = m.p[states.ATTITUDE, states.ATTITUDE] + m.p[states.ATTITUDE + 1, states.ATTITUDE + 1]
-        if tilt > LARGE_TILT:
-            # Of second order: a tilt by an angle takes g angle^2 / 2 off the vertical force
-            vertical = STANDARD_GRAVITY * tilt
-            m.p[states.VELOCITY + 2, states.VELOCITY + 2] += 0.5 * vertical**2 * GAP_TIME * delta
     begin_substep(m)
 
 
