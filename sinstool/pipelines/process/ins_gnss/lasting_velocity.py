@@ -27,7 +27,7 @@ TOGETHER_S = 4.0
 LEAST_TIMES, LEAST_EPOCHS = 20, 3
 # Normalised innovations count up to this: larger ones are bad fixes.
 LIMIT = 4.0
-# Squared sums over their expectation are certain to so many of their sigmas, and count from this on.
+# Squared sums over their expectation are certain to so many of their sigmas; they count from this.
 CERTAIN, COUNTS = 3.0, 2.0
 
 
