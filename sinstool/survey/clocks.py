@@ -15,9 +15,16 @@ from sinstool.core.order_statistics import quantile
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.survey.aiding import AidingData
-from sinstool.survey.course import course_findings, two_clocks
+from sinstool.survey.course import course_findings
 from sinstool.survey.gnss import CONTRADICTS
 from sinstool.survey.imu import Survey
+from sinstool.survey.receiver_ahead import (
+    LEAST_S,
+    RECEIVER_CLOCK,
+    receiver_ahead,
+    turns_apart,
+    two_clocks,
+)
 
 # No message is recorded before it is stamped, apart from small differences of two clocks of one
 # machine; receivers and networks deliver up to some seconds late.
@@ -48,9 +55,16 @@ def against_gnss(
     for finding in course_findings(survey.windows, aiding.gnss, options, survey.topic):
         if finding.severity == Severity.FAILED:
             raise DataError(path, finding.text, finding.answer)
-        if all(f.kind != finding.kind for f in findings):
-            findings.append(finding)
-    return findings
+        findings.append(finding)
+    ahead = receiver_ahead(survey.windows, aiding.gnss)
+    if ahead is None:
+        return findings
+    recorded = [f for f in findings if f.kind == RECEIVER_CLOCK]
+    if any(abs(f.numbers["ahead_s"] - ahead) < LEAST_S for f in recorded):
+        return findings
+    # A log that was converted may say nothing true of when its messages were recorded
+    findings = [f for f in findings if f.kind != RECEIVER_CLOCK]
+    return [*findings, turns_apart(ahead, options, survey.topic)] if ahead else findings
 
 
 def clocks_apart(

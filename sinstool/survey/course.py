@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.config import InputOptions
-from sinstool.core.arrays import FloatArray, IntArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import wrapped
@@ -21,8 +21,6 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.still import WINDOW_NS, Windows
 
-RECEIVER_CLOCK = "receiver-clock"
-LEAST_OFFSET_S = 0.05
 # Turns of the course are compared over intervals of about the first length, s, and at most the
 # second.
 STEP_S, LONGEST_S = 2.0, 5.0
@@ -37,9 +35,8 @@ LEAST_TURNED, LEAST_STEPS, LEAST_EXPLAINED, NEAR = 1.5, 10, 0.8, 1.4
 # A ratio below this is a wrong scale factor; late fixes shorten turns too, but by less. A large one
 # may be that of an aircraft, which in a steep bank turns less about its own axis.
 LEAST_RATIO = 0.65
-# Two clocks: turns as stamped explain at most this share; with an offset of at most so many s,
-# tried in steps of so many, they explain at least that share.
-MISFIT, FARTHEST_S, FINE_S, CLEAR = 0.5, 60.0, 0.5, 0.9
+# Turns that explain this share show a scale factor that is slightly wrong.
+CLEAR = 0.9
 
 
 @dataclass(frozen=True)
@@ -73,41 +70,13 @@ def course_evidence(windows: Windows, gnss: GnssEpochs | None) -> CourseEvidence
     """
     if gnss is None or len(windows) < LEAST_STEPS:
         return CourseEvidence()
-    turns = _Turns.of(windows)
+    turns = Turns.of(windows)
     times, course = _courses(gnss)
     return CourseEvidence() if turns is None else _compared(turns, times, course)
 
 
-def receiver_ahead(windows: Windows, gnss: GnssEpochs | None) -> float | None:
-    """How far a receiver's stamps are ahead of the IMU's, by the turns of both, s.
-
-    Returns
-    -------
-    float or None
-        To half a second; None if the turns fit as stamped, or if no offset explains them clearly
-        better than all others.
-    """
-    if gnss is None or len(windows) < LEAST_STEPS:
-        return None
-    turns = _Turns.of(windows)
-    times, course = _courses(gnss)
-    if turns is None or _compared(turns, times, course).explained > MISFIT:
-        return None
-    steps = np.arange(-round(FARTHEST_S / FINE_S), round(FARTHEST_S / FINE_S) + 1)
-    fits = [
-        _compared(turns, times - round(step * FINE_S * SECOND), course) for step in steps.tolist()
-    ]
-    follows = [fit.ratio is not None and _near(fit.ratio, 1.0) for fit in fits]
-    explained = np.where(follows, [fit.explained for fit in fits], 0.0)
-    best = int(np.argmax(explained))
-    elsewhere = np.abs(steps - steps[best]) * FINE_S > STEP_S + LONGEST_S
-    if explained[best] < CLEAR or explained[elsewhere].max(initial=0.0) > LEAST_EXPLAINED:
-        return None
-    return float(steps[best] * FINE_S)
-
-
 @dataclass(frozen=True)
-class _Turns:
+class Turns:
     """Angle that the gyro turned about the vertical, at the ends of windows.
 
     Attributes
@@ -121,7 +90,8 @@ class _Turns:
     gaps: IntArray
 
     @classmethod
-    def of(cls, windows: Windows) -> _Turns | None:
+    def of(cls, windows: Windows) -> Turns | None:
+        """Of windows in Forward-Right-Down axes; None without specific force."""
         up = windows.count @ windows.accel
         size = float(np.linalg.norm(up))
         if not size > 0.0:
@@ -130,8 +100,18 @@ class _Turns:
         gaps = np.concatenate([[0], np.cumsum(np.diff(windows.start_ns) != WINDOW_NS)])
         return cls(windows.start_ns + WINDOW_NS, angle, gaps)
 
+    def spans(self, time_ns: IntArray) -> BoolArray:
+        """Whether times are within those of the windows."""
+        return (time_ns > self.ends_ns[0]) & (time_ns < self.ends_ns[-1])
 
-def _compared(turns: _Turns, times: IntArray, course: FloatArray) -> CourseEvidence:
+    def at(self, time_ns: IntArray) -> FloatArray:
+        """Angle at any times, rad."""
+        first_ns = self.ends_ns[0]
+        ends_s = (self.ends_ns - first_ns) / SECOND
+        return np.interp((time_ns - first_ns) / SECOND, ends_s, self.angle)
+
+
+def _compared(turns: Turns, times: IntArray, course: FloatArray) -> CourseEvidence:
     """Turns of a course against those of the gyro over the same intervals."""
     if len(times) <= LEAST_STEPS:
         return CourseEvidence()
@@ -142,8 +122,7 @@ def _compared(turns: _Turns, times: IntArray, course: FloatArray) -> CourseEvide
     gap = turns.gaps[np.clip(place, 0, len(ends) - 1)]
     usable = inside[1:] & inside[:-1] & (seconds <= LONGEST_S) & (gap[1:] == gap[:-1])
     turn = wrapped(np.diff(course))[usable]
-    at = np.interp((times - ends[0]) / SECOND, (ends - ends[0]) / SECOND, turns.angle)
-    said = np.diff(at)[usable]
+    said = np.diff(turns.at(times))[usable]
     turned = float(np.sum(np.abs(turn)))
     if len(turn) < LEAST_STEPS or turned < LEAST_TURNED:
         return CourseEvidence(turned_rad=turned)
@@ -187,15 +166,6 @@ def _apart(time_ns: IntArray, good: np.ndarray) -> IntArray:
     return np.asarray(rows[first])
 
 
-def two_clocks(text: str, ahead: float, options: InputOptions, topic: str) -> Finding:
-    """A finding about a receiver whose clock is ahead by some seconds, with the option for it."""
-    offset = options.gnss_clock_offset + ahead  # the stamps had the one given taken off
-    answer = f"give --gnss-clock-offset {offset:.1f}"
-    if abs(offset) < LEAST_OFFSET_S:
-        answer = "leave --gnss-clock-offset out"
-    return Finding(RECEIVER_CLOCK, text, answer=answer, topic=topic, numbers={"ahead_s": ahead})
-
-
 def course_findings(
     windows: Windows, gnss: GnssEpochs | None, options: InputOptions, topic: str
 ) -> Iterator[Finding]:
@@ -211,14 +181,6 @@ def course_findings(
     evidence = course_evidence(windows, gnss)
     ratio = evidence.ratio
     if ratio is None:
-        ahead = receiver_ahead(windows, gnss)
-        if ahead is not None:
-            shown = f"{abs(ahead):.1f} s {'ahead of' if ahead > 0.0 else 'behind'}"
-            text = (
-                "the course over ground turns with the gyro only if the stamps of the fixes are"
-                f" {shown} those of the IMU: two clocks"
-            )
-            yield two_clocks(text, ahead, options, topic)
         return
     numbers = {"ratio": ratio, "explained": evidence.explained}
     turned = f"the course over ground turned by {evidence.turned_rad / DEGREE:.0f} deg in all, "

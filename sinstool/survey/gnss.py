@@ -25,6 +25,7 @@ from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_veloc
 from sinstool.io.readers.topics import NONE, optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
 from sinstool.survey.fix_units import check_degrees, check_range, with_rounding
+from sinstool.survey.interpolated import interpolated, on_lines
 from sinstool.survey.stuck import sent_again, stale_velocities, stuck_fixes, stuck_velocities
 from sinstool.survey.velocity import Agreement, agreement, odd_frame, usual_noise
 
@@ -169,6 +170,15 @@ def _fixes(
         )
         fixes, more = only(fixes, ~again, topic, "sent-again", what, Severity.NOTE)
         findings += more
+    if fixes is not None:
+        between, times = interpolated(fixes)
+        again_ns = np.append(again_ns, fixes.time_ns[between])
+        what = (
+            f"fixes lie on straight lines between every {times:.0f}th, which no measurements do:"
+            " they were interpolated, and only those at the ends are used"
+        )
+        fixes, more = only(fixes, ~between, topic, "interpolated-fixes", what)
+        findings += more
     return _Read(topic, fixes, tuple(findings), no_fix_ns=no_fix_ns, again_ns=again_ns)
 
 
@@ -310,6 +320,7 @@ def _with_a_fix(
     Without a fix drivers go on sending a velocity, of zero or of before, that claims any accuracy.
     """
     repeats = np.append(False, (velocity.velocity_n[1:] == velocity.velocity_n[:-1]).all(axis=1))
+    repeats |= on_lines(velocity.time_ns, velocity.velocity_n[:, :2])
     none = _stamped_at(velocity, receiver.no_fix_ns)
     again = _stamped_at(velocity, receiver.again_ns) & repeats & ~none
     what = "velocities are stamped as messages that hold no fix; left out"

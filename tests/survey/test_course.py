@@ -9,7 +9,8 @@ from sinstool.config import InputOptions
 from sinstool.core.finding import Severity
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.alignment.still import WindowStage
-from sinstool.survey.course import course_evidence, course_findings, receiver_ahead
+from sinstool.survey.course import course_evidence, course_findings
+from sinstool.survey.receiver_ahead import receiver_ahead, turns_apart
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import DEG, boat, drive, flight, multicopter, walk
 
@@ -135,31 +136,53 @@ def test_a_receiver_on_another_clock_is_found_by_its_turns(roads, ahead, velocit
         gnss = epochs(road, velocity=velocity)
         late = replace(gnss, time_ns=gnss.time_ns + round(ahead * 1e9))
         assert receiver_ahead(windows(road), late) == pytest.approx(ahead, abs=1.0)
-        (finding,) = course_findings(windows(road), late, InputOptions(), "/imu")
+        finding = turns_apart(receiver_ahead(windows(road), late), InputOptions(), "/imu")
         assert finding.kind == "receiver-clock" and "--gnss-clock-offset" in finding.answer
-        assert receiver_ahead(windows(road), gnss) is None
+        assert receiver_ahead(windows(road), gnss) == 0.0
 
 
 @pytest.mark.parametrize("vehicle", [boat, flight, multicopter, walk])
 def test_no_clock_is_blamed_for_what_does_not_follow_its_nose(vehicle):
-    for seed in range(4):
+    for seed in (0, 1, 2, 3, 40, 43):
         truth = vehicle(seed, 300.0)
-        assert receiver_ahead(windows(truth), epochs(truth)) is None
+        for velocity in (True, False):
+            assert not receiver_ahead(windows(truth), epochs(truth, velocity=velocity))
+
+
+def turner(seconds, course, speed, ahead, noise=None, rate=5):
+    """Windows and fixes of a level vehicle that follows its nose; positions only with noise."""
+    gyro = np.gradient(course, seconds)[:, None] * [0.0, 0.0, 1.0]
+    stage = WindowStage()
+    times = T0 + np.round(seconds * 1e9).astype(np.int64)
+    stage.push(times, gyro, np.tile([0.0, 0.0, -9.81], (len(times), 1)))
+    rows = np.arange(0, len(seconds), round(1.0 / (rate * (seconds[1] - seconds[0]))))
+    v = speed * np.stack([np.cos(course), np.sin(course), 0.0 * course], axis=1)
+    place = (np.cumsum(v, axis=0) * (seconds[1] - seconds[0]))[rows]
+    v, zero, none = v[rows], np.zeros(len(rows)), np.full((len(rows), 3), np.nan)
+    if noise is not None:
+        place += noise * np.random.default_rng(5).standard_normal(place.shape)
+        v = none
+    stamps = times[rows] + round(ahead * 1e9)
+    north, east = place[:, 0] / 6.37e6, place[:, 1] / 6.37e6
+    return stage.finish(), GnssEpochs(stamps, times[rows], north, east, zero, v, none, none)
+
+
+@pytest.mark.parametrize("ahead", [4.8, -4.8])
+def test_a_rover_at_walking_pace_shows_the_clock_too(ahead):
+    """By fixes to centimetres, with turns that take seconds."""
+    for seed in range(4):
+        random = np.random.default_rng([seed, 3])
+        seconds = np.arange(0.0, 300.0, 0.01)
+        turns = random.choice([-0.25, 0.0, 0.25], 60)
+        course = np.cumsum(turns[(seconds // 5.0).astype(int)]) * 0.01
+        rover, gnss = turner(seconds, course, 0.4, ahead, noise=0.02)
+        assert receiver_ahead(rover, gnss) == pytest.approx(ahead, abs=0.3)
+        rover, gnss = turner(seconds, course, 0.4, 0.0, noise=0.02)
+        assert receiver_ahead(rover, gnss) == 0.0
 
 
 def test_steady_circles_show_no_clock():
     """They fit at every whole turn, and so at none."""
     seconds = np.arange(0.0, 300.0, 0.005)
     course = 2.0 * np.pi * seconds / 20.0 + 0.6 * np.sin(2.0 * np.pi * seconds / 20.0)
-    rate = np.gradient(course, seconds)
-    stage = WindowStage()
-    times = T0 + np.round(seconds * 1e9).astype(np.int64)
-    gyro = np.stack([0.0 * rate, 0.0 * rate, rate], axis=1)
-    stage.push(times, gyro, np.tile([0.0, 0.0, -9.81], (len(rate), 1)))
-    rows = np.arange(0, len(seconds), 200)
-    v = 10.0 * np.stack([np.cos(course[rows]), np.sin(course[rows]), 0.0 * course[rows]], axis=1)
-    n = len(rows)
-    none = np.full((n, 3), np.nan)
-    zero = np.zeros(n)
-    gnss = GnssEpochs(times[rows] + 7 * 10**9, times[rows], zero, zero, zero, v, none, none)
-    assert receiver_ahead(stage.finish(), gnss) is None
+    assert receiver_ahead(*turner(seconds, course, 10.0, 7.0)) is None

@@ -22,6 +22,7 @@ from sinstool.methods.alignment.initial import Alignment, tilted
 from sinstool.methods.alignment.still import STEADY_TURN
 from sinstool.methods.sensor_errors import LOW_COST, Grade
 from sinstool.survey.grade import sensor_grade
+from sinstool.survey.receiver_ahead import RECEIVER_CLOCK
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
@@ -184,10 +185,14 @@ def in_flight(
     result = moving.result
     if result.status in ("failed", "unobservable"):
         reasons = "; ".join(result.warnings) or "no reason is known"
+        answer = "choose another span with --align-start and --align-end, or another --align"
+        clock = next((f for f in source.findings if f.kind == RECEIVER_CLOCK), None)
+        if clock is not None:
+            answer = f"{clock.answer} ({clock.text}), or {answer}"
         raise AlignmentError(
             f"{source.path}: motion does not show the attitude (by {method}: {result.status}):"
             f" {reasons}",
-            "choose another span with --align-start and --align-end, or another --align",
+            answer,
             uncertain=result.status == "unobservable",
             consistent=not result.chi2 > INCONSISTENT_CHI2,
         )

@@ -35,8 +35,8 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import Drift
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import denied_attitude
 from sinstool.pipelines.process.ins_gnss.timing import motion_from, white_noise
-from sinstool.survey.course import RECEIVER_CLOCK
 from sinstool.survey.grade import BRIEF_REST_S
+from sinstool.survey.receiver_ahead import RECEIVER_CLOCK
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
 
@@ -59,6 +59,9 @@ MOST_UNEXPLAINED = 1.3
 # Noise of gyros over that of a low-cost grade beyond which they are no gyros: 10 deg/sqrt(h) is six
 # times what data sheets of the noisiest chips give.
 MOST_NOISIER = 3.5
+# Slow errors of fixes over those that the receiver states beyond which a latency that the log seems
+# to show does not refute another clock.
+MOST_WANDERING = 3.0
 
 
 def compare_with_log(
@@ -374,6 +377,8 @@ def of_another_clock(survey: Sequence[Finding], start: FilterStart) -> list[Find
         shown is not None
         and start.latency_status in ("found", "given")
         and shown.sigma_s <= MAX_SIGMA_S
+        # Fixes at the times of others seem to wander
+        and max(start.slow_errors) <= MOST_WANDERING
         and not shown.latency_contradicts(start.settings.gnss_latency)
     ):
         return []

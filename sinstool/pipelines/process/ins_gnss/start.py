@@ -30,6 +30,7 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import (
 )
 from sinstool.pipelines.process.ins_gnss.imu_fit import fit
 from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
+from sinstool.pipelines.process.ins_gnss.lasting_velocity import with_lasting_velocity
 from sinstool.pipelines.process.ins_gnss.likelier_grade import (
     GradeFits,
     better_grade,
@@ -84,6 +85,7 @@ def timed_start(
     start = with_likeliest(source, config, algorithm, start, start.by_the_fixes)
     # Contradictions are judged without allowing for what does not show
     start = with_expected_slow_errors(compare_with_log(source, config, algorithm, start))
+    start = with_lasting_velocity(source, config, algorithm, start)
     source.samples.made.clear()
     start = replace(start, warnings=(*_warnings(start), *start.warnings))
     log_choice(

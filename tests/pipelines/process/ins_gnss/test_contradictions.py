@@ -27,13 +27,18 @@ from tests.helpers.unseen_errors import shaken
 def test_only_motion_makes_up_for_another_clock(status, sigma_s, contradicts, trusted):
     shown = SimpleNamespace(sigma_s=sigma_s, latency_contradicts=lambda _: contradicts)
     settings = SimpleNamespace(gnss_latency=0.0)
-    start = SimpleNamespace(offsets=shown, latency_status=status, settings=settings)
+    start = SimpleNamespace(
+        offsets=shown, latency_status=status, settings=settings, slow_errors=(1.0, 1.0)
+    )
     clock = Finding("receiver-clock", "two", answer="give it", numbers={"ahead_s": 2.0})
     findings = of_another_clock([clock], start)
     assert exit_status(findings) == (0 if trusted else 3)
     assert trusted or findings[0].answer == "give it"
     assert trusted or findings[0].text.startswith("two, so every fix is used")
     assert not of_another_clock([Finding("other", "else")], start)
+    # With a wrong attitude a latency may seem to be shown by fixes that wander
+    start.slow_errors = (10.0, 1.0)
+    assert exit_status(of_another_clock([clock], start)) == 3
 
 
 def test_a_wrong_clock_is_reported_once(tmp_path):
