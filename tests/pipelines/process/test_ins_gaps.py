@@ -1,4 +1,4 @@
-"""Inertial navigation and gaps of the IMU: which are bridged, and after which nothing is trusted."""
+"""Inertial navigation and gaps of the IMU: which are bridged, and what is not trusted."""
 
 import numpy as np
 import pytest
