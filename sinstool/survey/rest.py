@@ -17,7 +17,7 @@ from sinstool.core.order_statistics import median
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
-from sinstool.methods.alignment.still import WINDOW_NS, StillSpan, Windows, span_of
+from sinstool.methods.alignment.still import ACCEL_STEP, WINDOW_NS, StillSpan, Windows, span_of
 
 # What moves faster than this by GNSS, or further by fixes alone, is not at rest, however still the
 # IMU seems; nor beyond this many sigmas that the receiver states, or the assumed one, m.
@@ -84,6 +84,30 @@ def rest_end(lead_in: StillSpan, spans: tuple[StillSpan, ...], windows: Windows)
             break
         end = span
     return end.end_ns
+
+
+def rests_across(
+    spans: Iterable[StillSpan], begin_ns: int, end_ns: int, gyro_bias: np.ndarray
+) -> bool:
+    """Whether a vehicle rests on both sides of a gap, and has the same tilt there.
+
+    Parameters
+    ----------
+    spans : iterable of StillSpan
+        All of the log: some may be steady turns.
+    gyro_bias : ndarray, shape (3,)
+        rad/s, body axes.
+    """
+    # A span ends with the last whole window before the one in which samples end
+    near, length = 3 * WINDOW_NS, (end_ns - begin_ns) / SECOND
+    still = [s for s in spans if length * np.linalg.norm(s.gyro - gyro_bias) < KNOCK_RAD]
+    before = [s for s in still if s.start_ns < begin_ns and s.end_ns > begin_ns - near]
+    after = [s for s in still if s.end_ns > end_ns and s.start_ns < end_ns + near]
+    return any(
+        float(np.linalg.norm(one.accel - other.accel)) < ACCEL_STEP
+        for one in before
+        for other in after
+    )
 
 
 def _farthest(gains: np.ndarray, step: np.ndarray) -> float:

@@ -2,6 +2,7 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from sinstool.cli.main import cli
 from sinstool.core import earth
 from sinstool.core.rotation import to_euler
 from sinstool.pipelines.process.ins import drift_warning
+from sinstool.report.text.process import first_sigma
 from tests.helpers.imulogs import angles_between, in_log_axes, read_topic, stamp_ns
 from tests.helpers.logs import real
 from tests.helpers.unseen_drives import GRADES, T0, drive, record, without_fixes, write
@@ -294,3 +296,15 @@ def test_real_logs_keep_their_height(tmp_path, path, damping, more, near):
     _, height = read(out, "/sinstool/height", ["vector.x"])
     start = height[0]
     assert np.abs(height - start).max() < 200.0
+
+
+def test_the_sigma_of_heading_is_not_said_to_be_that_of_tilt():
+    said = [
+        first_sigma(SimpleNamespace(sigma_deg=sigma))
+        for sigma in [(0.061, 0.0612, 4.73), (0.8, 0.8, None), (None, None, None)]
+    ]
+    assert said == [
+        ", sigma 0.061, 0.061, 4.7 deg about north, east, down",
+        ", sigma of tilt 0.8 deg",
+        "",
+    ]

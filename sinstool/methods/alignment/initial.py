@@ -137,11 +137,27 @@ def tilted(
     return multiply(exp(-(gain @ measured)), q_nb), better
 
 
-def from_still(span: StillSpan, time_ns: int) -> Alignment:
+def shown_tilt_error(span: StillSpan) -> float:
+    """What a still span shows of the errors of its tilt, rad.
+
+    The larger of the accelerometer's noise over the span and what it disagrees with gravity.
+    """
+    noise = span.accel_std / np.sqrt(span.samples)
+    excess = abs(float(np.linalg.norm(span.accel)) - STANDARD_GRAVITY)
+    return float(max(noise, excess) / STANDARD_GRAVITY)
+
+
+def from_still(span: StillSpan, time_ns: int, accel_bias: float = 0.0) -> Alignment:
     """Tilt from a still span, heading 0.
 
-    The tilt's sigma is the larger of the accelerometer's noise over the span and what its
-    disagreement with gravity shows of its bias, but no more than if nothing were known.
+    Its sigma is that of the accelerometer's bias across gravity, or what the span shows of errors
+    if that is more, but no more than if nothing were known. Along gravity a bias shows, across it
+    does not: agreement with gravity proves no tilt.
+
+    Parameters
+    ----------
+    accel_bias : float
+        Sigma of the bias of one axis, m/s^2.
 
     Raises
     ------
@@ -154,17 +170,16 @@ def from_still(span: StillSpan, time_ns: int) -> Alignment:
             "the specific force at rest contains no gravity",
             "give the first attitude with --align log or --align fixed",
         )
-    noise = span.accel_std / np.sqrt(span.samples)
-    sigma = float(max(noise, abs(size - STANDARD_GRAVITY)) / STANDARD_GRAVITY)
+    shown = shown_tilt_error(span)
     status = "ok"
     warnings: tuple[str, ...] = ()
-    if sigma > GOOD_TILT:
+    if shown > GOOD_TILT:
         status = "degraded"
         warnings = (
             f"the specific force at rest is {size:.3g} m/s^2, not {STANDARD_GRAVITY:.2f}: do not"
             " trust the tilt; check --accel-unit and --gyro-kind",
         )
-    sigma = min(sigma, UNIFORM)
+    sigma = min(max(shown, accel_bias / STANDARD_GRAVITY), UNIFORM)
     return Alignment(
         level(span.accel), "level", time_ns, (sigma, sigma, None), status, False, warnings=warnings
     )

@@ -20,7 +20,7 @@ from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment, tilted
 from sinstool.methods.alignment.still import STEADY_TURN
-from sinstool.methods.sensor_errors import LOW_COST, Grade
+from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.receiver_ahead import RECEIVER_CLOCK
 from sinstool.survey.rest import longest_rest
@@ -100,7 +100,8 @@ def _aligned(source: Source, config: ProcessConfig) -> Alignment:
             )
         alignment = initial.from_log(survey.orientation, survey.orientation_ns)
     elif survey.lead_in is not None:
-        alignment = initial.from_still(survey.lead_in, survey.first_ns)
+        bias = _accel_bias(source, config)
+        alignment = initial.from_still(survey.lead_in, survey.first_ns, bias)
     elif options.align == "level":
         raise AlignmentError(
             f"{path}: the log does not begin at rest, so its tilt cannot be levelled",
@@ -112,6 +113,14 @@ def _aligned(source: Source, config: ProcessConfig) -> Alignment:
     else:
         alignment = initial.from_motion(survey.windows, survey.first_ns)
     return _with_bias(alignment, source, config)
+
+
+def _accel_bias(source: Source, config: ProcessConfig) -> float:
+    """Sigma of the bias of an accelerometer, as stated or of the IMU's grade, m/s^2."""
+    if config.in_flight.sigma_ba is not None:
+        return config.in_flight.sigma_ba
+    noise = IMU_GRADES[sensor_grade(source, config).grade]
+    return float(np.hypot(noise.accel_bias, noise.accel_instability))
 
 
 def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:

@@ -52,6 +52,8 @@ MOVED_M = 8.0
 # Rows before and after a jump whose medians show it, and the ratio to the usual change.
 JUMP_ROWS = 5
 JUMP_RATIO = 10.0
+# A reference that is good again so soon after a gap of the IMU, s, was good all the time.
+COAST_OF_GAP_S = 1.0
 # Why samples of a height reference are left out.
 WORDS = {
     "not_finite": "not finite",
@@ -379,6 +381,30 @@ def damping(
     return Damping(reference, heights, grade), [*notes, *more]
 
 
+def _without_coasts_of_gaps(events: list[Event]) -> tuple[list[Event], list[Event]]:
+    """Events without coasts that gaps of the IMU cause, not the height reference, and their ends.
+
+    They begin at the end of a gap and are over with the next sample of the reference.
+    """
+    gaps = [e.time for e in events if e.kind == "imu-gap"]
+    kept: list[Event] = []
+    ends: list[Event] = []
+    for e in events:
+        begun = e.time - e.duration
+        if (
+            e.kind == "re-engaged"
+            and kept
+            and kept[-1].kind == "coast"
+            and e.duration < COAST_OF_GAP_S
+            and any(0.0 <= begun - end < COAST_OF_GAP_S for end in gaps)
+        ):
+            kept.pop()
+            ends.append(e)
+        else:
+            kept.append(e)
+    return kept, ends
+
+
 def height_warnings(
     channel: ChannelSummary, events: list[Event], begins_s: float = 0.0
 ) -> list[str]:
@@ -402,8 +428,10 @@ def height_warnings(
         "frozen": "height reference did not change for {duration:.0f} s while the vehicle moved, at"
         " {time:.1f} s; those samples are not used",
         "invalid": "height is not valid from {time:.1f} s on: coasting for too long",
-        "imu-gap": "the IMU has a gap of {size:.2f} s at {time:.1f} s; height is carried over it",
+        "imu-gap": "the IMU has a gap of {size:.2f} s until {time:.1f} s; height is carried over"
+        " it",
     }
+    events, after_gaps = _without_coasts_of_gaps(events)
     counted: Counter[str] = Counter()
     for e in events:
         counted[e.kind] += 1
@@ -411,6 +439,11 @@ def height_warnings(
             notes.append(
                 texts[e.kind].format(size=e.size, time=begins_s + e.time, duration=e.duration)
             )
+    if after_gaps:
+        largest = max((e.size for e in after_gaps), key=abs)
+        notes.append(
+            f"after gaps of the IMU height differed from its reference by {largest:+.1f} m"
+        )
     for kind, count in counted.items():
         if kind in texts and count > 3:
             notes.append(f"... and {count - 3} more events of this kind ({kind})")

@@ -18,7 +18,7 @@ from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, MILLI_G, STANDARD_GRAVI
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height import layout
 from sinstool.methods.height.network import gravity_gradient
-from sinstool.methods.height.vertical import beginning_quickly
+from sinstool.methods.height.vertical import MAX_HOLD, beginning_quickly
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.methods.strapdown.navigation import initial_state
 from sinstool.pipelines.plan import Plan
@@ -38,6 +38,8 @@ from sinstool.pipelines.process.summary import (
     ModeResult,
     Sink,
 )
+from sinstool.survey.oddities import found_gaps
+from sinstool.survey.rest import rests_across
 from sinstool.survey.source import Source, imu_blocks
 
 # A GNSS velocity within this time of the start is that of the start.
@@ -126,6 +128,7 @@ class InsMode(Mode):
                 *(baro.findings if damped_by_baro else ()),
                 *warned("alignment", alignment.warnings),
                 *_rotated(alignment),
+                *gap_findings(self.source, run.first_ns, settings.gyro_bias),
                 *warned("navigation", texts),
                 *warned("navigation", _run_warnings(run)),
             ),
@@ -146,6 +149,49 @@ def _rotated(alignment: Alignment) -> list[Finding]:
             " also starts from fixes without velocity",
         )
     ]
+
+
+def gap_findings(source: Source, first_ns: int, gyro_bias: np.ndarray) -> list[Finding]:
+    """Which gaps of the IMU are integrated across, and those in which the vehicle was in motion.
+
+    Parameters
+    ----------
+    first_ns : int
+        Of the run.
+    gyro_bias : ndarray, shape (3,)
+        That it removes, rad/s.
+    """
+    survey, held_ns = source.survey, round(MAX_HOLD * SECOND)
+    if not survey.gap_count:
+        return []
+    findings = [replace(found_gaps(survey, held_ns), topic=survey.topic)]
+    lost = [
+        (begin, begin + round(length * SECOND))
+        for begin, length in survey.gaps
+        if length > MAX_HOLD and begin >= first_ns
+    ]
+    spans = survey.spans
+    lost = [gap for gap in lost if not rests_across(spans, *gap, gyro_bias)]
+    if lost:
+        seconds = [(time - survey.first_ns) / SECOND for time in lost[0]]
+        text = (
+            f"the IMU has no samples from {seconds[0]:.1f} to {seconds[1]:.1f} s, and the vehicle"
+            " is not at rest on both sides: attitude and velocity are held there, whatever it did;"
+            " do not trust the solution from then on"
+        )
+        findings.append(
+            Finding(
+                "moved-in-gap",
+                text,
+                severity=Severity.LOST,
+                answer="end before it with --end, start after it with --start, or use --mode"
+                " ins-gnss where there are fixes",
+                topic=survey.topic,
+                start_ns=lost[0][0],
+                numbers={"gaps": float(len(lost))},
+            )
+        )
+    return findings
 
 
 def start(
@@ -304,8 +350,8 @@ def _run_warnings(run: InsRun) -> list[str]:
         notes.append(run.settings.algorithm.caveat)
     if run.gaps_s:
         notes.append(
-            f"{run.gaps_s:.3g} s are without IMU data: short gaps are bridged with the values on"
-            " either side, longer ones at constant velocity"
+            f"{run.gaps_s:.3g} s are without IMU data: gaps up to {MAX_HOLD:g} s are bridged with"
+            " the values on either side, longer ones at constant velocity"
         )
     if run.diverged_ns is not None:
         seconds = (run.diverged_ns - run.first_ns) / SECOND

@@ -17,7 +17,8 @@ from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.threads import executor
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.methods.alignment.initial import Alignment
+from sinstool.methods.alignment.initial import Alignment, shown_tilt_error
+from sinstool.methods.alignment.still import StillSpan
 from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import (
     GYRO,
@@ -241,7 +242,7 @@ class Smoothing:
         latitude, height = self._source.latitude, self._source.position[2]
         prior = Prior(
             heading or 0.0,
-            _first_tilt(alignment),
+            _first_tilt(alignment, self._source.survey.lead_in),
             None if latitude is None else float(normal_gravity(latitude, height or 0.0)),
         )
         # What looks like rest, before it is judged: there are too many epochs to keep them twice
@@ -471,8 +472,10 @@ def _drop_turns(seen: Epochs, removed: np.ndarray, most: float) -> None:
             rows[begin:end, REST] = MOVING
 
 
-def _first_tilt(alignment: Alignment) -> float | None:
+def _first_tilt(alignment: Alignment, still: StillSpan | None) -> float | None:
     """Sigma of a first tilt without that by accelerometer biases, rad; None: unknown."""
+    if alignment.method == "level" and still is not None:
+        return CAUTION * shown_tilt_error(still)
     roll, pitch, _ = alignment.sigma_rad
     if roll is None or pitch is None:
         return None

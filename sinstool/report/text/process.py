@@ -30,8 +30,6 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
     """
     imu, align, final = result.imu, result.alignment, result.final
     coning, out = result.coning, result.output
-    sigma = align.sigma_deg[0]
-    tilt = f", sigma {round(sigma, 6):.2g} deg" if sigma is not None else ""
     bias = ", ".join(f"{b:.3e}" for b in align.gyro_bias_rad_s)
     rows = [
         ("log", f"{result.input.path} ({result.input.size / 1e6:.1f} MB)"),
@@ -43,7 +41,8 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
         (
             "alignment",
             f"{align.method} ({align.status}): roll {align.roll_deg:.3f}, pitch"
-            f" {align.pitch_deg:.3f}, heading {compass(align.heading_deg, 3)} deg{tilt}"
+            f" {align.pitch_deg:.3f}, heading {compass(align.heading_deg, 3)} deg"
+            + first_sigma(align)
             + _reference(result),
         ),
         ("gyro bias", _bias(align.gyro_bias_source, bias)),
@@ -83,6 +82,17 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
             rows.append(("coning source", coning.source))
         rows.append(("input sha256", result.input.sha256))
     return rows
+
+
+def first_sigma(first: summary.FirstAttitude) -> str:
+    """Sigmas of the first attitude, as far as they are known: that of heading may be far larger."""
+    known = [sigma for sigma in first.sigma_deg if sigma is not None]
+    if len(known) < 2:
+        return ""
+    if len(known) == 2:
+        return f", sigma of tilt {round(max(known), 6):.2g} deg"
+    each = ", ".join(f"{round(sigma, 6):.2g}" for sigma in known)
+    return f", sigma {each} deg about north, east, down"
 
 
 def _reference(result: ProcessResult) -> str:

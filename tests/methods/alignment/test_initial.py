@@ -62,7 +62,7 @@ def test_levelled_from_rest(roll, pitch):
     assert got.bias_source == "none" and not got.gyro_bias.any()
 
 
-def test_sigma_of_tilt_is_noise_or_what_gravity_is_off():
+def test_sigma_of_tilt_is_that_of_the_bias_or_what_the_rest_shows():
     gyro, accel = resting(800, accel_noise=0.02)
     (span,) = still_spans(windows(gyro, -accel))
     noise = span.accel_std / np.sqrt(800) / G
@@ -70,9 +70,10 @@ def test_sigma_of_tilt_is_noise_or_what_gravity_is_off():
     roll, pitch, heading = from_still(span, 0).sigma_rad
     assert roll == pitch == pytest.approx(max(noise, excess))
     assert heading is None
+    assert from_still(span, 0, 0.1).sigma_rad[1] == pytest.approx(0.1 / 9.80665)
     # an accelerometer that reads 9.5 m/s^2 at rest may be tilted by its bias of 0.3
     (off,) = still_spans(windows(gyro, -accel * 9.5 / G))
-    assert from_still(off, 0).sigma_rad[0] == pytest.approx(0.3 / G, rel=0.03)
+    assert from_still(off, 0, 0.1).sigma_rad[0] == pytest.approx(0.3 / G, rel=0.03)
 
 
 @pytest.mark.parametrize("factor", [G, 1.0 / G, 200.0])

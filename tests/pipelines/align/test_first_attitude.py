@@ -17,6 +17,7 @@ from sinstool.pipelines.align import in_motion
 from sinstool.pipelines.align.first_attitude import align, in_flight
 from sinstool.pipelines.align.log import align_log
 from sinstool.survey.source import prepare
+from tests.helpers.imulogs import G, even_times, imu_log, resting
 from tests.helpers.launch_logs import TACTICAL, TRUTH, launched
 from tests.helpers.logs import real
 
@@ -44,6 +45,23 @@ def test_a_flight_from_rest_is_carried_back_to_the_pad():
     assert time_ns[0] == result.time_ns
     assert np.rad2deg(np.linalg.norm(psi)) < 0.5
     assert psi @ np.linalg.solve(result.covariance_n, psi) / 3.0 < 5.0
+
+
+@pytest.mark.parametrize("grade", ["auto", "mems", "tactical"])
+def test_agreement_with_gravity_proves_no_tilt(tmp_path, grade):
+    """Biases across gravity tilt the attitude and do not change the size of the force."""
+    gyro, accel = resting(2000)
+    bias_mg = 1.0 if grade == "tactical" else 10.0
+    lean = 1e-3 * bias_mg
+    accel = accel * np.array([0.0, 0.0, np.cos(lean)]) + [G * np.sin(lean), 0.0, 0.0]
+    log = imu_log(tmp_path / "log.mcap", even_times(2000), gyro, accel)
+    _, result = started(log, navigation={"imu_grade": grade})
+    roll, pitch = rotation.to_euler(result.q_nb)[:2]
+    assert result.method == "level" and abs(pitch) == pytest.approx(lean, rel=0.05)
+    assert abs(roll) < 1e-3
+    assert abs(pitch) < 1.5 * result.sigma_rad[1]
+    _, stated = started(log, navigation={"imu_grade": grade}, in_flight={"sigma_ba": 0.3})
+    assert stated.sigma_rad[1] == pytest.approx(0.3 / G, rel=1e-3)
 
 
 def test_tilt_at_rest_makes_a_carried_attitude_better():

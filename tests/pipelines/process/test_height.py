@@ -180,3 +180,16 @@ def test_what_is_said_of_samples_and_events():
     assert any("jumped by -12.5 m at 70.0 s" in text for text in said)
     assert not height_warnings(channel(), [])
     assert "undamped" in height_warnings(channel(accepted=0), [])[0]
+
+
+def test_a_gap_of_the_imu_is_no_fault_of_the_height_reference():
+    gap = Event("imu-gap", 92.0, 2.0, 0.0)
+    ends = [Event("coast", 92.01, 0.0, 0.0), Event("re-engaged", 92.1, -3.1, 0.09)]
+    said = height_warnings(channel(), [gap, *ends])
+    assert said == [
+        "the IMU has a gap of 2.00 s until 92.0 s; height is carried over it",
+        "after gaps of the IMU height differed from its reference by -3.1 m",
+    ]
+    silent = [Event("coast", 92.01, 0.0, 0.0), Event("re-engaged", 99.0, -3.1, 7.0)]
+    assert "coasting" in height_warnings(channel(), [gap, *silent])[1]
+    assert "coasting" in height_warnings(channel(), ends)[0]
