@@ -107,12 +107,17 @@ def close_substep(m: Memory, model: Model) -> None:
                 m.p[states.ATTITUDE + i, states.ATTITUDE + i] += (
                     model.vehicle[layout.V_SHAKEN_RATE] * delta
                 )
-        tilt = m.p[states.ATTITUDE, states.ATTITUDE] + m.p[states.ATTITUDE + 1, states.ATTITUDE + 1]
-        if tilt > LARGE_TILT:
+        if m.leaning > 0.0:
+            first = states.ATTITUDE
+            tilt = m.p[first, first] + m.p[first + 1, first + 1]
+            down = states.VELOCITY + 2
             # Of second order: a tilt by an angle takes g angle^2 / 2 off the vertical force
-            vertical = STANDARD_GRAVITY * tilt
-            m.p[states.VELOCITY + 2, states.VELOCITY + 2] += 0.5 * vertical**2 * GAP_TIME * delta
+            if tilt > LARGE_TILT:
+                m.p[down, down] += 0.5 * (STANDARD_GRAVITY * tilt) ** 2 * GAP_TIME * delta
+            else:
+                m.leaning = 0.0
         if m.in_gap > 0.0:
+            m.leaning = 1.0
             # A force and a turn that last for GAP_TIME at a time
             for i in range(3):
                 m.p[states.VELOCITY + i, states.VELOCITY + i] += (

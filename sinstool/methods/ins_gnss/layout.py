@@ -129,6 +129,7 @@ _MEMORY: tuple[tuple[Any, ...], ...] = (
     ("distrust",),  # until when samples of the barometer are rejected
     ("used_at",),  # time of the latest epoch used
     ("begun",),  # 1 if the filter began anew since the latest stored row
+    ("leaning",),  # 1: in a gap the vehicle may have tilted by a large angle
     ("in_gap",),  # 1 within an IMU gap
     ("level_until",),  # until when a tilt that was unknown may still be so
     ("window_seen",),  # epochs in the window so far

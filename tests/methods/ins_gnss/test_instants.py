@@ -123,7 +123,7 @@ def test_a_gap_adds_what_a_vehicle_can_have_done_in_it(flown):
 
 
 @pytest.mark.parametrize("tilt", [0.05, 0.5])
-def test_a_large_tilt_makes_the_vertical_velocity_uncertain(flown, tilt):
+def test_a_large_tilt_after_a_gap_makes_the_vertical_velocity_uncertain(flown, tilt):
     """By g (1 - cos tilt), which no linear filter knows; here by draws of the tilt itself."""
     run = InsGnssFilter(flown.start, flown.using("plain-15"), with_baro=False)
     m = run._memory
@@ -131,7 +131,7 @@ def test_a_large_tilt_makes_the_vertical_velocity_uncertain(flown, tilt):
     m.p[:] = 0.0
     m.p[ATTITUDE, ATTITUDE] = m.p[ATTITUDE + 1, ATTITUDE + 1] = tilt**2
     m.mean_c[:] = 0.1 * np.eye(3)
-    m.now += 0.1
+    m.now, m.leaning = m.now + 0.1, 1.0
     instants.close_substep(m, run._model)
     down = m.p[VELOCITY + 2, VELOCITY + 2]
     random = np.random.default_rng(2)

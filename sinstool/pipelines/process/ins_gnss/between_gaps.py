@@ -28,7 +28,6 @@ from sinstool.methods.ins_gnss.results import FilterEvent
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import with_likeliest
 from sinstool.pipelines.process.ins_gnss.start_over_gaps import start_over_gaps
@@ -122,29 +121,20 @@ def start_before_gaps(
 
 
 def before_short_gaps(
-    source: Source,
-    config: ProcessConfig,
-    algorithm: ConingAlgorithm,
-    first: FilterStart | None = None,
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> FilterStart:
     """A first start before the short gaps that precede it, so that all that follows is judged.
 
     Parameters
     ----------
-    first : FilterStart, optional
+    first : FilterStart
         By :func:`~sinstool.pipelines.process.ins_gnss.first_start.first_start`.
 
     Returns
     -------
     FilterStart
         With `placed` set if it is another.
-
-    Raises
-    ------
-    AlignmentError
-        The log shows no first start.
     """
-    first = first or first_start(source, config)
     if _place_configured(config):
         return first
     behind = [next_ns for _, next_ns in _gaps(source, first.settings) if next_ns <= first.time_ns]

@@ -45,7 +45,8 @@ def with_lasting_velocity(
     if motion is None or not start.used.has_velocity.any():
         return start
     shown = start.by_the_fixes
-    run = InsGnssFilter(shown.start, shown.settings, with_baro=False, output=False)
+    settings = replace(shown.settings, network=None)
+    run = InsGnssFilter(shown.start, settings, with_baro=False, output=False)
     epochs = run.push(motion, shown.used).gnss
     level = _larger(epochs, slice(3, 5))
     if level < COUNTS:

@@ -61,7 +61,7 @@ from sinstool.pipelines.process.ins_gnss.contradictions import contradictions
 from sinstool.pipelines.process.ins_gnss.false_fixes import find_false_fixes
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.sample_kind import with_sample_kind
-from sinstool.pipelines.process.ins_gnss.start import timed_start
+from sinstool.pipelines.process.ins_gnss.start import earliest_start, timed_start
 from sinstool.pipelines.process.ins_gnss.untrusted import (
     TOO_MANY_REJECTED,
     doubts,
@@ -172,7 +172,7 @@ class FilterRun(Mode):
         assert aiding.gnss is not None
         source = replace(self.source, aiding=replace(aiding, gnss=clock.corrected(aiding.gnss)))
         try:
-            begun = before_short_gaps(source, self.config, algorithm)
+            begun = earliest_start(source, self.config, algorithm)
             begun = timed_start(source, self.config, algorithm, begun)
         except AlignmentError:
             return False

@@ -22,10 +22,9 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.pipelines.plan import Plan, as_planned
-from sinstool.pipelines.process.ins_gnss.between_gaps import before_short_gaps
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
-from sinstool.pipelines.process.ins_gnss.start import timed
+from sinstool.pipelines.process.ins_gnss.start import earliest_start, timed
 from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.survey.source import Source
 
@@ -71,7 +70,7 @@ def with_sample_kind(
     elif not _half_a_sample(source, start):
         return same
     try:
-        begun = before_short_gaps(source, means, plan.algorithm)
+        begun = earliest_start(source, means, plan.algorithm)
         other = timed(source, means, plan.algorithm, begun)
     except AlignmentError:
         return same

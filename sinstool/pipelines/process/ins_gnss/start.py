@@ -14,7 +14,7 @@ from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import LOW_COST, SensorGrade, as_if_aligned, next_worse
 from sinstool.pipelines.align.in_motion import imu_noise
-from sinstool.pipelines.process.ins_gnss.between_gaps import start_in_longest
+from sinstool.pipelines.process.ins_gnss.between_gaps import before_short_gaps, start_in_longest
 from sinstool.pipelines.process.ins_gnss.contradictions import compare_with_log
 from sinstool.pipelines.process.ins_gnss.filter_settings import (
     has_scales,
@@ -124,6 +124,19 @@ def _warnings(start: FilterStart) -> list[str]:
             f" {start.offsets}: give the latency with --gnss-latency"
         )
     return warnings
+
+
+def earliest_start(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm
+) -> FilterStart:
+    """A first start, carried back over gaps that precede it.
+
+    Raises
+    ------
+    AlignmentError
+        The log shows none.
+    """
+    return before_short_gaps(source, config, algorithm, first_start(source, config))
 
 
 def timed(

@@ -370,7 +370,8 @@ def test_another_grade_is_aligned_as_before_rather_than_at_another_time(
             raise AlignmentError("no start")
         return SimpleNamespace(settings=SimpleNamespace(gnss_latency=latency), how="anew")
 
-    first = SimpleNamespace(settings=SimpleNamespace(gnss_latency=0.0), how="first")
+    settings = SimpleNamespace(gnss_latency=0.0)
+    first = SimpleNamespace(settings=settings, how="first", placed=False)
     monkeypatch.setattr(start, "first_start", anew)
     monkeypatch.setattr(start, "regraded", lambda *_: SimpleNamespace(how="as before"))
     grade = ImuGrade("consumer", "by innovations")

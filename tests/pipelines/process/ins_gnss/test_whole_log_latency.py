@@ -76,7 +76,7 @@ def test_a_clock_of_the_receivers_own_is_corrected(tmp_path, monkeypatch, seed, 
     """
     log, truth = drive_by_two_clocks(tmp_path / "log.mcap", seed, rate)
     if not begins_anew:
-        monkeypatch.setattr(filter_run, "first_start", no_start)
+        monkeypatch.setattr(filter_run, "earliest_start", no_start)
     summary, solution = run(log, filter={"smooth": True}, **GROUPS)
     latency = summary["filter"]["gnss_latency"]
     assert latency["clock_ppm"] == pytest.approx(1e6 * rate, abs=10.0)
