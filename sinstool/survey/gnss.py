@@ -20,9 +20,9 @@ from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
-from sinstool.io.readers.message_types import FIX_TYPES, GPS_FIX_TYPES, VELOCITY_TYPES
+from sinstool.io.readers.message_types import GPS_FIX_TYPES, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
-from sinstool.io.readers.topics import NONE, optional_topics
+from sinstool.io.readers.topics import NONE, fix_topics, optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
 from sinstool.survey.fix_units import check_degrees, check_range, with_rounding
 from sinstool.survey.interpolated import interpolated, on_lines
@@ -63,9 +63,7 @@ def read_gnss(
     """
     receivers = [
         _fixes(log, options, topic, channels, log_time, until_ns)
-        for topic, channels in optional_topics(
-            log, "--gnss-topic", options.gnss_topic, *FIX_TYPES
-        ).items()
+        for topic, channels in fix_topics(log, options.gnss_topic).items()
     ]
     velocity_topic = options.velocity_topic
     if velocity_topic is None and options.gnss_topic == NONE:

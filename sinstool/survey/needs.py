@@ -6,8 +6,7 @@ from sinstool.config import InputOptions, ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.core.errors import TopicError
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.message_types import FIX_TYPES
-from sinstool.io.readers.topics import NONE, optional_topics
+from sinstool.io.readers.topics import NONE, fix_topics
 
 
 def needs_all_gnss(log: Log, config: ProcessConfig) -> bool:
@@ -56,6 +55,6 @@ def may_need_mount(config: ProcessConfig) -> bool:
 def has_gnss(log: Log, options: InputOptions) -> bool:
     """Whether a log has a topic with fixes that may be used."""
     try:
-        return bool(optional_topics(log, "--gnss-topic", options.gnss_topic, *FIX_TYPES))
+        return bool(fix_topics(log, options.gnss_topic))
     except TopicError:
         return False

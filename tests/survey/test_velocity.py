@@ -169,8 +169,9 @@ def odometry(truth, spoil=in_body, topic="/wheels/odometry", frame="odom", child
     return out
 
 
-def read(path, **options):
+def read(path, references=(), **options):
     with open_log(path) as log:
+        log.references = frozenset(references)
         return read_gnss(log, InputOptions(**options), False)
 
 
@@ -229,6 +230,23 @@ def test_the_better_of_two_receivers_is_used_and_its_velocity(tmp_path, roads):
     brief = replace(good, fixes=good.fixes.rows(slice(0, 60)))
     more = [*fix_messages(poor.fixes, "/a"), *fix_messages(brief.fixes, "/b")]
     assert read(write(tmp_path / "brief.mcap", none, more)).fix_topic == "/a/fix"
+
+
+def test_a_reference_is_no_measurement_unless_it_is_named_or_alone(tmp_path, roads):
+    truth = roads[2]
+    good = record(truth, PERFECT, 1, gnss_rate=2.0, sigma=0.01, sigma_v=0.01)
+    poor = record(truth, PERFECT, 2, gnss_rate=2.0, sigma=2.0, sigma_v=0.2)
+    none = replace(good, fixes=good.fixes.rows(slice(0, 0)))
+    two = [*fix_messages(poor.fixes, "/a"), *fix_messages(good.fixes, "/b")]
+    log, names = write(tmp_path / "log.mcap", none, two), ("/b/fix", "/b/velocity")
+    assert read(log).fix_topic == "/b/fix"
+    aiding = read(log, names)
+    assert (aiding.fix_topic, aiding.velocity_topic) == ("/a/fix", "/a/velocity")
+    assert "several-receivers" not in kinds(aiding)
+    assert read(log, names, gnss_topic="/b/fix").fix_topic == "/b/fix"
+    alone = write(tmp_path / "alone.mcap", none, fix_messages(good.fixes, "/b"))
+    aiding = read(alone, names)
+    assert aiding.fix_topic == "/b/fix" and not aiding.velocity_topic
 
 
 def test_no_topic_is_used_where_none_is_named(tmp_path, roads):

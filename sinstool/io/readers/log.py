@@ -125,6 +125,8 @@ class Log(ABC):
         they were recorded.
     recorder : ClockSteps
         Steps of the recorder's clock, by log times as they are read instead of by numbers.
+    references : frozenset of str
+        Topics that results are compared with, which are measurements only if they are named.
     """
 
     format: str
@@ -139,6 +141,7 @@ class Log(ABC):
         self.recovered: dict[int, int] = {}
         self.clocks: dict[int, ChannelClocks] = {}
         self.recorder: ClockSteps = NOTHING
+        self.references: frozenset[str] = frozenset()
         # Channels by topic, and of which channels it was made
         self._by_topic: dict[str, list[Channel]] = {}
         self._topics_of = (0, 0)

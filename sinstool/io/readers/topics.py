@@ -10,7 +10,7 @@ from sinstool.core.choices import log_choice
 from sinstool.core.errors import TopicError, UnsupportedLogError
 from sinstool.core.suggest import nearest
 from sinstool.io.readers.log import Channel, Log
-from sinstool.io.readers.message_types import IMU_TYPE
+from sinstool.io.readers.message_types import FIX_TYPES, IMU_TYPE
 from sinstool.io.readers.streams import IMU_FIELDS, ImuUnits, Losses, read_imu
 
 # Topics that sinstool itself writes are used as sensors only if they are named.
@@ -172,6 +172,9 @@ def optional_topics(
 ) -> dict[str, tuple[Channel, ...]]:
     """Channels by topic that an option selects: the named topic, or all of suitable types.
 
+    Topics of the log's `references` are none of them unless named: who compares a result with
+    another receiver does not want it made from that.
+
     Parameters
     ----------
     flag : str
@@ -190,6 +193,7 @@ def optional_topics(
     if name == NONE:
         return {}
     if name is None:
+        topics = {t: c for t, c in topics.items() if t not in log.references}
         return {t: c for t, c in topics.items() if not t.startswith(OWN_PREFIXES)}
     if name not in topics:
         kinds = ", ".join(t.replace("/msg/", "/") for t in types)
@@ -197,6 +201,26 @@ def optional_topics(
         raise TopicError(log.path, f"there is no topic {name} of type {kinds}", hint)
     log_choice(flag.removeprefix("--").replace("-", " "), f"{name}, as specified")
     return {name: topics[name]}
+
+
+def fix_topics(log: Log, name: str | None) -> dict[str, tuple[Channel, ...]]:
+    """Channels by topic with fixes that ``--gnss-topic`` selects.
+
+    A reference is one of them if the log has no other receiver, whose fixes it then needs.
+
+    Raises
+    ------
+    TopicError
+        The named topic is missing or of another type.
+    """
+    topics = optional_topics(log, "--gnss-topic", name, *FIX_TYPES)
+    if topics or name is not None:
+        return topics
+    return {
+        t: c
+        for t, c in topics_of_type(log, *FIX_TYPES).items()
+        if t in log.references and not t.startswith(OWN_PREFIXES)
+    }
 
 
 def choose_optional(log: Log, flag: str, name: str | None, *types: str) -> tuple[Channel, ...]:

@@ -82,6 +82,7 @@ def align_log(
     SinstoolError
     """
     with open_log(path, config.input.salvage) as log:
+        log.references = frozenset(() if truth is None else (truth,))
         log_choice("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         source = prepare(log, config, share(progress, log.size, 0.0, 1.0))
         alignment = _align(source, config, _plan(source, config))

@@ -59,6 +59,7 @@ def process(
         With one line that says what was wrong and what to do; no output is left behind.
     """
     with open_log(path, config.input.salvage) as log, Output(log, output, config, sink) as written:
+        log.references = frozenset(config.output.truth)
         log_choice("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         if config.hse.hse is not None:
             from sinstool.pipelines.process.turntable import process_turntable
@@ -82,6 +83,7 @@ def plan_of(path: Path, config: ProcessConfig, progress: Progress | None = None)
         It would refuse the log: with the reason and what to do.
     """
     with open_log(path, config.input.salvage) as log:
+        log.references = frozenset(config.output.truth)
         if config.hse.hse is not None:
             from sinstool.pipelines.process.turntable import plan_turntable
 
