@@ -16,7 +16,7 @@ References
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -68,7 +68,7 @@ def iterated(begun: FilterStart, motion: Increments | None) -> Start:
         smoothed = smoothed_over(replace(begun, start=start), joined)
         if smoothed is None:
             break
-        cost, nav = smoothed[0], smoothed[1].nav
+        cost, nav = smoothed.cost, smoothed.start.nav
         if cost > least + ASTRAY:
             return begun.start
         least = min(least, cost)
@@ -80,7 +80,24 @@ def iterated(begun: FilterStart, motion: Increments | None) -> Start:
     return start
 
 
-def smoothed_over(begun: FilterStart, motion: Increments) -> tuple[float, Start] | None:
+@dataclass(frozen=True)
+class SmoothedStart:
+    """A start corrected by smoothing, with the sigmas of the smoother.
+
+    Attributes
+    ----------
+    cost : float
+        -2 log likelihood of the innovations.
+    epochs : int
+        Number of fixes compared.
+    """
+
+    start: Start
+    cost: float
+    epochs: int
+
+
+def smoothed_over(begun: FilterStart, motion: Increments) -> SmoothedStart | None:
     """A start corrected by smoothing over what follows.
 
     Parameters
@@ -92,9 +109,8 @@ def smoothed_over(begun: FilterStart, motion: Increments) -> tuple[float, Start]
 
     Returns
     -------
-    cost, start : float, Start
-        -2 log likelihood of the innovations, and the corrected start, with the sigmas of the
-        smoother. None with too few fixes.
+    SmoothedStart or None
+        None with too few fixes.
     """
     # A gate would leave out fixes that a wrong attitude contradicts
     control = replace(begun.settings.control, gate_probability=1.0, adaptive="off")
@@ -112,4 +128,4 @@ def smoothed_over(begun: FilterStart, motion: Increments) -> tuple[float, Start]
         smoothed = smoother.epochs()
         error, covariance = smoothed.first_error.copy(), smoothed.first_covariance.copy()
     corrected = corrected_start(begun.start, error, covariance, smoothed.kind)
-    return float(np.sum(unlikely(epochs))), corrected
+    return SmoothedStart(corrected, float(np.sum(unlikely(epochs))), len(epochs))

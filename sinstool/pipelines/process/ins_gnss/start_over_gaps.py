@@ -23,13 +23,18 @@ from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.carried_back import carried_back
 from sinstool.methods.ins_gnss.instants import GAP_TIME
+from sinstool.methods.ins_gnss.loop import BESIDE
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z, SIZE, navigate_backward
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
-from sinstool.pipelines.process.ins_gnss.iterated_start import iterated, smoothed_over
+from sinstool.pipelines.process.ins_gnss.iterated_start import (
+    SmoothedStart,
+    iterated,
+    smoothed_over,
+)
 from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.survey.grade import to_align_as
 from sinstool.survey.increments import SegmentIncrements
@@ -39,6 +44,8 @@ from sinstool.survey.source import Source
 TILT_SIGMA, HEADING_SIGMA = 35.0 * DEGREE, 20.0 * DEGREE
 # A step goes back no further than this; a smoother finds its attitude from so much that follows.
 MOST_NS, SMOOTHED_NS = 120 * SECOND, 150 * SECOND
+# By how much -2 log likelihood of a fix may rise from step to step.
+MOST_RISE = 3.0
 # A start this shortly after a fix has its position.
 AT_FIX_NS = SECOND // 5
 
@@ -62,9 +69,12 @@ def start_over_gaps(
     FilterStart
         The start that was given if it cannot be carried back over the gap before it.
     """
-    begun = start
-    while (earlier := _step(source, config, algorithm, start, first_ns)) is not None:
-        start = earlier
+    begun, smoothed = start, _smoothed(source, config, algorithm, start)
+    while smoothed is not None:
+        step = _step(source, config, algorithm, start, smoothed, first_ns)
+        if step is None:
+            break
+        start, smoothed = step
     if start is begun:
         return start
     seconds = (begun.time_ns - start.time_ns) / SECOND
@@ -78,42 +88,58 @@ def _step(
     config: ProcessConfig,
     algorithm: ConingAlgorithm,
     start: FilterStart,
+    smoothed: SmoothedStart,
     first_ns: int,
-) -> FilterStart | None:
-    """A start before at least one more gap; None where that is too uncertain."""
-    gaps = [ns for ns, _ in source.survey.gaps if first_ns < ns < start.time_ns]
-    if not gaps:
-        return None
-    corrected = _corrected(source, config, algorithm, start)
-    if corrected is None:
+) -> tuple[FilterStart, SmoothedStart] | None:
+    """A start before at least one more gap, and smoothed; None where that is too uncertain."""
+    if not any(first_ns < ns < start.time_ns for ns, _ in source.survey.gaps):
         return None
     begin_ns = max(first_ns, start.time_ns - MOST_NS)
     updates, bridged = _updates(source, config, algorithm, begin_ns, start.time_ns)
     if updates is None:
         return None
-    q_nb, covariance = _carried(corrected, start, updates, bridged)
+    q_nb, covariance = _carried(smoothed.start, start, updates, bridged)
     tilt = np.sqrt(np.linalg.eigvalsh(covariance[:, :2, :2])[:, -1])
+    crossed = np.cumsum(bridged[::-1])[::-1]
+    rows = _after_fixes(start, updates.time_ns)
     sure = (tilt < TILT_SIGMA) & (np.sqrt(covariance[:, 2, 2]) < HEADING_SIGMA)
-    possible = sure & ~bridged & (updates.time_ns < gaps[-1])
-    for row in _after_fixes(start, updates.time_ns):
-        if not possible[row]:
-            continue
-        alignment = _alignment(start.alignment, corrected, q_nb[row], covariance[row])
+    rows = rows[(sure & ~bridged & (crossed > 0))[rows]]
+    most = int(crossed[rows].max()) if len(rows) else 0
+    while most:
+        row = rows[crossed[rows] <= most][0]
+        alignment = _alignment(start.alignment, smoothed.start, q_nb[row], covariance[row])
         alignment = replace(alignment, time_ns=int(updates.time_ns[row]))
-        try:
-            found = find_start(
-                source,
-                to_align_as(config, start.grade),
-                start.settings,
-                StartFixes.of(start.used, start.settings.gnss),
-                alignment,
-            )
-        except AlignmentError:
-            continue
-        earlier = start.at(found)
-        motion = _following(source, config, algorithm, earlier)
-        return replace(earlier, start=iterated(earlier, motion))
+        earlier = _begun(source, config, algorithm, start, alignment)
+        if earlier is not None:
+            again = _smoothed(source, config, algorithm, earlier)
+            # A wrong attitude makes the fixes that follow unlikely: then over fewer gaps
+            if again is not None and _rise(smoothed, again) < MOST_RISE:
+                return earlier, again
+        most //= 2
     return None
+
+
+def _rise(before: SmoothedStart, after: SmoothedStart) -> float:
+    """By how much -2 log likelihood of a fix has risen."""
+    return after.cost / after.epochs - before.cost / before.epochs
+
+
+def _begun(
+    source: Source,
+    config: ProcessConfig,
+    algorithm: ConingAlgorithm,
+    start: FilterStart,
+    alignment: Alignment,
+) -> FilterStart | None:
+    """The same filter from another attitude; None without fixes near it."""
+    fixes = StartFixes.of(start.used, start.settings.gnss)
+    here = to_align_as(config, start.grade)
+    try:
+        found = find_start(source, here, start.settings, fixes, alignment)
+    except AlignmentError:
+        return None
+    begun = start.at(found)
+    return replace(begun, start=iterated(begun, _following(source, config, algorithm, begun)))
 
 
 def _following(
@@ -126,15 +152,12 @@ def _following(
     return take_rows(motion, motion.time_ns <= start.time_ns + SMOOTHED_NS)
 
 
-def _corrected(
+def _smoothed(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
-) -> Start | None:
+) -> SmoothedStart | None:
     """The start as smoothed over what follows."""
     motion = _following(source, config, algorithm, start)
-    if motion is None:
-        return None
-    smoothed = smoothed_over(start, joined_updates(motion, JOINED_S))
-    return None if smoothed is None else smoothed[1]
+    return None if motion is None else smoothed_over(start, joined_updates(motion, JOINED_S))
 
 
 def _updates(
@@ -146,9 +169,10 @@ def _updates(
     nothing = None, np.zeros(0, dtype=np.bool_)
     if not made:
         return nothing
-    # One more, as the start may be the first sample after a gap
+    # A little more, as the start may be the first sample after a gap
     updates = concatenate(made)
-    updates = take_rows(updates, slice(0, int(np.searchsorted(updates.time_ns, end_ns)) + 2))
+    after = int(np.searchsorted(updates.time_ns, end_ns + round(BESIDE * SECOND), "right"))
+    updates = take_rows(updates, slice(0, max(after, 1)))
     whole, bridged = _bridged(updates)
     inside = whole.time_ns <= end_ns
     if not inside.any() or int(whole.time_ns[inside][-1]) != end_ns:
@@ -161,24 +185,27 @@ def _bridged(updates: Increments) -> tuple[Increments, BoolArray]:
     dt = updates.interval
     waited = np.diff(updates.time_ns) / SECOND - dt[1:]
     after = np.flatnonzero(waited > 0.5 * dt[1:]) + 1
-    rate, force = updates.rotation_vector / dt[:, None], updates.velocity_increment / dt[:, None]
-    length = waited[after - 1]
-
-    def put(values: FloatArray, between: FloatArray) -> FloatArray:
-        return np.insert(values, after, between, axis=0)
-
-    def mean(values: FloatArray) -> FloatArray:
-        return 0.5 * (values[after - 1] + values[after]) * length[:, None]
-
+    number = max(1, round(BESIDE / float(np.median(dt))))
+    edges = np.concatenate([[0], after, [len(dt)]])
+    motion = np.column_stack([updates.rotation_vector, updates.velocity_increment])
+    between = np.empty((len(after), 6))
+    for k, row in enumerate(after):
+        sides = (
+            slice(max(edges[k], row - number), row),
+            slice(row, min(edges[k + 2], row + number)),
+        )
+        means = [motion[side].sum(axis=0) / dt[side].sum() for side in sides]
+        between[k] = 0.5 * waited[row - 1] * (means[0] + means[1])
     ends = updates.time_ns[after] - np.rint(dt[after] * SECOND).astype(np.int64)
+    motion = np.insert(motion, after, between, axis=0)
     whole = Increments(
         np.insert(updates.sample, after, updates.sample[after - 1]),
         np.insert(updates.time_ns, after, ends),
-        put(dt, length),
-        put(updates.rotation_vector, mean(rate)),
-        put(updates.velocity_increment, mean(force)),
+        np.insert(dt, after, waited[after - 1]),
+        motion[:, :3],
+        motion[:, 3:],
     )
-    return whole, np.asarray(put(np.zeros(len(dt), np.bool_), np.ones(len(after), np.bool_)))
+    return whole, np.insert(np.zeros(len(dt), np.bool_), after, True)
 
 
 def _carried(
