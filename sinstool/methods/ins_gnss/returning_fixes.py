@@ -116,7 +116,10 @@ def unsettled(gnss: GnssEpochs) -> FloatArray:
             continue
         early = np.flatnonzero(here & ~ref)
         far = np.linalg.norm(left[early] - left[ref].mean(axis=0), axis=1)
-        wrong = np.flatnonzero(far > UNSETTLED * noise[early])
+        off_here = far > UNSETTLED * noise[early]
+        # A bad fix among good ones is no receiver that is still to find its place
+        most = np.cumsum(off_here) >= 0.5 * np.arange(1, len(early) + 1)
+        wrong = np.flatnonzero(off_here & most)
         if not len(wrong):
             continue
         # It comes slowly near: until it is as near as fixes usually are, and as long again, in

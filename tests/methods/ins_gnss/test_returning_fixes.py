@@ -186,6 +186,17 @@ def test_an_error_that_wanders_and_one_that_is_stated_are_not_told():
         assert not unsettled(honest).any()
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_a_bad_fix_among_good_ones_is_not_of_a_receiver_that_comes_in(seed):
+    """163 good fixes counted as one that was 39 m off, and a wrong latency was not noticed."""
+    gnss, _ = coming_in(seed, 5.0, 0.0, 8.0)
+    assert not unsettled(gnss).any()
+    (first,) = np.flatnonzero(np.diff(gnss.time_ns, prepend=0) > 50_000_000_000)[-1:]
+    latitude = gnss.latitude.copy()
+    latitude[[70, first + 80]] += 39.0 / 6.37e6
+    assert not unsettled(replace(gnss, latitude=latitude)).any()
+
+
 @pytest.mark.parametrize("latitude", [-81.0, -74.0, 60.0, 72.0])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_jet_that_turns_at_high_latitudes_is_where_it_is(seed, latitude):
