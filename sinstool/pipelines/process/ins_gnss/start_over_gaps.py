@@ -100,13 +100,11 @@ def _step(
         return None
     q_nb, covariance = _carried(smoothed.start, start, updates, bridged)
     tilt = np.sqrt(np.linalg.eigvalsh(covariance[:, :2, :2])[:, -1])
-    crossed = np.cumsum(bridged[::-1])[::-1]
+    crossed = np.cumsum(bridged[::-1], dtype=np.int64)[::-1]
     rows = _after_fixes(start, updates.time_ns)
     sure = (tilt < TILT_SIGMA) & (np.sqrt(covariance[:, 2, 2]) < HEADING_SIGMA)
     rows = rows[(sure & ~bridged & (crossed > 0))[rows]]
-    most = int(crossed[rows].max()) if len(rows) else 0
-    while most:
-        row = rows[crossed[rows] <= most][0]
+    for row in _choices(rows, crossed):
         alignment = _alignment(start.alignment, smoothed.start, q_nb[row], covariance[row])
         alignment = replace(alignment, time_ns=int(updates.time_ns[row]))
         earlier = _begun(source, config, algorithm, start, alignment)
@@ -115,8 +113,18 @@ def _step(
             # A wrong attitude makes the fixes that follow unlikely: then over fewer gaps
             if again is not None and _rise(smoothed, again) < MOST_RISE:
                 return earlier, again
-        most //= 2
     return None
+
+
+def _choices(rows: IntArray, crossed: IntArray) -> list[int]:
+    """The earliest of some rows, and the earliest over half as many gaps, and so on."""
+    most, chosen = int(crossed[rows].max(initial=0)), list[int]()
+    while most:
+        within = rows[crossed[rows] <= most]
+        if len(within) and int(within[0]) not in chosen:
+            chosen.append(int(within[0]))
+        most //= 2
+    return chosen
 
 
 def _rise(before: SmoothedStart, after: SmoothedStart) -> float:
