@@ -8,9 +8,10 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.timeline import SECOND
+from sinstool.methods.alignment.still import WINDOW_NS
 from sinstool.survey.imu import Survey
 
-WINDOW_S = 0.5
+WINDOW_S = WINDOW_NS / SECOND
 # Fewer places in a log than this do not show it.
 LEAST_PLACES = 40
 
