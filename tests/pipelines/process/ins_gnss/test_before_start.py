@@ -1,11 +1,17 @@
 """Before a filter's start: a smoother's errors taken off it, and samples carried back."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from sinstool.core.finding import Severity
 from sinstool.core.rotation import from_euler, rotate
 from sinstool.methods.ins_gnss.states import ACCEL_BIAS, GYRO_BIAS, filter_kind
-from sinstool.pipelines.process.ins_gnss.before_start import corrected_start
+from sinstool.pipelines.process.ins_gnss.before_start import (
+    before_start_finding,
+    corrected_start,
+)
 from tests.helpers.filter_logs import errors, nees, run, simulated
 from tests.helpers.filter_start import start
 
@@ -39,6 +45,21 @@ def test_a_start_less_its_error(name):
     # one sigma for three axes: the largest
     assert result.gyro_bias_sigma == pytest.approx(3e-5)
     assert result.accel_bias_sigma == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(
+    ("first_fix_s", "solution_s", "lost"),
+    [(0.0, 60.0, True), (0.0, 40.0, False), (70.0, 80.0, False), (70.0, 90.0, True)],
+)
+def test_most_of_a_log_without_a_solution_is_lost(first_fix_s, solution_s, lost):
+    """Of what follows the first fix: before it there is none to be had."""
+    fixes = np.array([first_fix_s - 1.0, first_fix_s, 99.0]) * 1e9
+    used = SimpleNamespace(time_ns=fixes, has_position=np.array([False, True, True]))
+    start = SimpleNamespace(time_ns=int(solution_s * 1e9), used=used)
+    survey = SimpleNamespace(first_ns=0, last_ns=100_000_000_000)
+    finding = before_start_finding(survey, start, int(solution_s * 1e9))
+    assert finding.severity == (Severity.LOST if lost else Severity.WARNING)
+    assert finding.kind == "before-start" and finding.text.endswith("have no solution")
 
 
 @pytest.mark.slow
