@@ -20,8 +20,9 @@ from sinstool.core.errors import AlignmentError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.memory import return_freed_memory
 from sinstool.core.options import span
+from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G, STANDARD_GRAVITY
+from sinstool.core.units import DEGREE_PER_ROOT_HOUR, MICRO_G
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import Grade
@@ -34,9 +35,9 @@ from sinstool.survey.grade import (
     sensor_grade,
     stated_grade_denied,
 )
+from sinstool.survey.gravity import without_gravity
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
 from sinstool.survey.needs import has_gnss
-from sinstool.survey.oddities import steady_force, usual_force
 from sinstool.survey.source import Source
 
 if TYPE_CHECKING:
@@ -186,7 +187,10 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     attitude = _attitude(source, config, mode.value, grade.grade)
     samples = _gyro_samples(config, attitude.value)
     config = as_planned(config, samples.value)
-    alignment = None if filter_start is not None else align(source, config)
+    alignment = None
+    if filter_start is None:
+        shown = _shown(source, config) if mode.value == "ins" else None
+        alignment = align(source, config, shown)
     first = _first_attitude(source, config, alignment, filter_start)
     algorithm = choose_algorithm(source, config)
     attitude = _attitude(source, config, mode.value, grade.grade)
@@ -347,22 +351,6 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
     return Choice("smoothed", "as gravity holds roll and pitch better than the gyros", option)
 
 
-def without_gravity(source: Source) -> bool:
-    """Whether the specific force is not gravity and what accelerations of a vehicle add to it.
-
-    Of a size between a half and two g it may be that of one that circles, or of sensors with a
-    wrong scale, which still show where gravity points. What varies, as that of a foot that runs,
-    may be larger by as much as it varies: over some seconds, in axes that do not turn, its mean is
-    gravity all the same.
-    """
-    kinds = {odd.kind for odd in source.findings}
-    if "gravity-size" in kinds:
-        return usual_force(source.survey) <= 0.5 * STANDARD_GRAVITY or (
-            steady_force(source.survey) >= 2.0 * STANDARD_GRAVITY
-        )
-    return "no-gravity" in kinds
-
-
 def _holds_alone(source: Source, config: ProcessConfig) -> bool:
     """Whether good gyros hold an attitude: it begins right, and the Earth's rate is taken off.
 
@@ -427,6 +415,13 @@ def _magnetometer(
         return chosen, ()
     text = f"no magnetometer is used, {chosen.reason}"
     return chosen, (Finding("magnetometer", text, answer="choose one with --magnetometer"),)
+
+
+def _shown(source: Source, config: ProcessConfig) -> GnssEpochs | None:
+    # Takes as long to import as a filter
+    from sinstool.pipelines.process.ins_start import fixes_that_show
+
+    return fixes_that_show(source, config)
 
 
 def _filter_start(source: Source, config: ProcessConfig) -> FilterStart:

@@ -109,7 +109,22 @@ def read_gnss(
         stale = stale_velocities(fixes, velocity)
         velocity, more = only(velocity, ~stale, chosen.topic, "stale-velocity", what)
         findings += more
+    used = ((fixes, receiver.topic), (velocity, chosen.topic))
+    for topic in dict.fromkeys(t for rows, t in used if rows is not None):
+        findings += _compared_with_itself(log, topic)
     return AidingData(join(fixes, velocity), receiver.topic, chosen.topic, tuple(findings))
+
+
+def _compared_with_itself(log: Log, topic: str) -> list[Finding]:
+    """A reference that is also the receiver whose output is used."""
+    if topic not in log.references:
+        return []
+    text = (
+        f"{topic}, which --truth names, is also the GNSS that is used: errors against it do not"
+        " show how good a result is that is made from it"
+    )
+    answer = "compare with a reference that is not used, or leave it out with --gnss-topic none"
+    return [Finding("truth-used", text, answer=answer, topic=topic)]
 
 
 NO_EVIDENCE = Agreement()

@@ -242,11 +242,13 @@ def test_a_reference_is_no_measurement_unless_it_is_named_or_alone(tmp_path, roa
     assert read(log).fix_topic == "/b/fix"
     aiding = read(log, names)
     assert (aiding.fix_topic, aiding.velocity_topic) == ("/a/fix", "/a/velocity")
-    assert "several-receivers" not in kinds(aiding)
-    assert read(log, names, gnss_topic="/b/fix").fix_topic == "/b/fix"
+    assert not {"several-receivers", "truth-used"} & set(kinds(aiding))
+    named = read(log, names, gnss_topic="/b/fix")
+    assert named.fix_topic == "/b/fix" and kinds(named)["truth-used"].topic == "/b/fix"
     alone = write(tmp_path / "alone.mcap", none, fix_messages(good.fixes, "/b"))
     aiding = read(alone, names)
     assert aiding.fix_topic == "/b/fix" and not aiding.velocity_topic
+    assert "--truth" in kinds(aiding)["truth-used"].text and "truth-used" not in kinds(read(alone))
 
 
 def test_no_topic_is_used_where_none_is_named(tmp_path, roads):

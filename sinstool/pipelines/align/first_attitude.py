@@ -44,20 +44,22 @@ PLAIN_BIAS = 3.0 * EARTH_RATE
 NO_BIAS = f"{initial.NOT_STILL}, so no gyro bias is removed"
 
 
-def align(source: Source, config: ProcessConfig) -> Alignment:
+def align(source: Source, config: ProcessConfig, gnss: GnssEpochs | None = None) -> Alignment:
     """First attitude and gyro bias.
 
     Parameters
     ----------
     source : Source
         With all of GNSS for alignment in motion.
+    gnss : GnssEpochs, optional
+        Instead of those of the log, where the method is ``auto``.
 
     Raises
     ------
     AlignmentError
         What was asked for cannot be had from this log.
     """
-    alignment = _aligned(source, config)
+    alignment = _aligned(source, config, gnss or source.aiding.gnss)
     log_choice("gyro bias", _BIAS_FROM.get(alignment.bias_source, alignment.bias_source))
     return alignment
 
@@ -71,7 +73,7 @@ _BIAS_FROM = {
 }
 
 
-def _aligned(source: Source, config: ProcessConfig) -> Alignment:
+def _aligned(source: Source, config: ProcessConfig, gnss: GnssEpochs | None) -> Alignment:
     options, survey = config.align, source.survey
     path = source.path
     if options.align in IN_FLIGHT:
@@ -79,7 +81,7 @@ def _aligned(source: Source, config: ProcessConfig) -> Alignment:
     if options.align == "gyrocompass":
         return at_rest(source, config)
     if options.align == "auto":
-        seen = _north_seen(source, config)
+        seen = _north_seen(source, config, gnss)
         if seen is not None:
             return seen
     if options.align == "fixed":
@@ -123,13 +125,13 @@ def _accel_bias(source: Source, config: ProcessConfig) -> float:
     return float(np.hypot(noise.accel_bias, noise.accel_instability))
 
 
-def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
+def _north_seen(source: Source, config: ProcessConfig, gnss: GnssEpochs | None) -> Alignment | None:
     """An attitude whose heading counts from north, if the log shows one.
 
     If the log neither begins at rest nor has an orientation, the tilt by GNSS velocity will do.
     """
     grade = sensor_grade(source, config).grade
-    gnss, still = source.aiding.gnss, source.survey.lead_in
+    still = source.survey.lead_in
     if (
         still is not None
         and grade not in LOW_COST
@@ -144,7 +146,7 @@ def _north_seen(source: Source, config: ProcessConfig) -> Alignment | None:
     try:
         from sinstool.pipelines.align.in_motion import align_moving
 
-        moving = align_moving(source, config, grade, "svd", "start")
+        moving = align_moving(source, config, grade, "svd", "start", gnss)
     except AlignmentError as exc:
         log_choice("alignment", f"not by GNSS velocity: {exc.message}")
         return None

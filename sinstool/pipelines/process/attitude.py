@@ -13,7 +13,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import NOT_STILL, Alignment
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.align.first_attitude import earth_rate
-from sinstool.pipelines.plan import Plan, without_gravity
+from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.mode import (
     BytesRead,
     Mode,
@@ -23,6 +23,7 @@ from sinstool.pipelines.process.mode import (
     warned,
 )
 from sinstool.pipelines.process.summary import ConingUsed, FirstAttitude, ModeResult, Sink
+from sinstool.survey.gravity import without_gravity
 from sinstool.survey.source import Source, imu_blocks
 
 if TYPE_CHECKING:

@@ -8,21 +8,20 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.earth import SEMI_MAJOR_AXIS, displaced, horizontal_metres
-from sinstool.core.errors import ConfigurationError
+from sinstool.core.earth import SEMI_MAJOR_AXIS, horizontal_metres
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.rotation import rotate, wrapped
+from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, Solution
 from sinstool.core.timeline import SECOND
-from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, MILLI_G, STANDARD_GRAVITY
+from sinstool.core.units import DEGREE_PER_HOUR, MILLI_G, STANDARD_GRAVITY
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height import layout
 from sinstool.methods.height.network import gravity_gradient
 from sinstool.methods.height.vertical import MAX_HOLD, beginning_quickly
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
-from sinstool.methods.strapdown.navigation import initial_state
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.height import Damping, damping, height_warnings
+from sinstool.pipelines.process.ins_start import start_state
 from sinstool.pipelines.process.mode import (
     BytesRead,
     Mode,
@@ -42,8 +41,6 @@ from sinstool.survey.oddities import found_gaps
 from sinstool.survey.rest import rests_across
 from sinstool.survey.source import Source, imu_blocks
 
-# A GNSS velocity within this time of the start is that of the start.
-VELOCITY_NS = 2 * SECOND
 # Plausible bias of a MEMS accelerometer, for an example: 1 mg.
 EXAMPLE_BIAS = MILLI_G
 # Plausible bias of a MEMS gyro after removal of its mean at rest.
@@ -56,10 +53,13 @@ class InsMode(Mode):
     def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
         require_gravity(source, config)
         super().__init__(source, config, plan)
-        state, self._notes = start(source, plan.alignment, config)
+        order = config.navigation.attitude_order
+        settings = InsSettings(
+            **sample_settings(source, config, plan), order=0 if order == "exact" else int(order)
+        )
+        state, self._notes, known = start_state(source, plan.alignment, settings, config)
         self._latitude, longitude, height = state[:3].tolist()
         self._damping: Damping | None = None
-        parameters = None
         self.emits = ("imu", "attitude", "odometry", "fix", "tf")
         if config.vertical.height_damping != "off":
             self.emits = (*self.emits, "height")
@@ -68,17 +68,11 @@ class InsMode(Mode):
             parameters = layout.new_parameters(
                 self._damping.network, self._damping.grade.grade, baro_lag=config.vertical.baro_lag
             )
-            if start_velocity(source, plan.alignment, config) is None:
+            if not known:
                 parameters = beginning_quickly(parameters)
+            settings = replace(settings, parameters=parameters, reference=self._damping.reference)
         origin = (self._latitude, longitude, height)
         self.frames = replace(odometry_frames(source, plan, config), origin=origin)
-        order = config.navigation.attitude_order
-        settings = InsSettings(
-            **sample_settings(source, config, plan),
-            order=0 if order == "exact" else int(order),
-            parameters=parameters,
-            reference=None if self._damping is None else self._damping.reference,
-        )
         self._run = InsRun(state, settings)
         self._beside: Solution | None = None  # the last that has a fix within
 
@@ -192,66 +186,6 @@ def gap_findings(source: Source, first_ns: int, gyro_bias: np.ndarray) -> list[F
             )
         )
     return findings
-
-
-def start(
-    source: Source, alignment: Alignment, config: ProcessConfig
-) -> tuple[np.ndarray, list[str]]:
-    """State at the start: position and velocity as specified or by GNSS, attitude as aligned.
-
-    Raises
-    ------
-    ConfigurationError
-        The position is not known.
-    """
-    latitude, longitude, height = source.position
-    if latitude is None:
-        raise ConfigurationError(
-            f"{source.path}: navigation needs a position, and the log has no fix",
-            "give --latitude, --longitude and --height",
-        )
-    notes = []
-    if longitude is None:
-        longitude = 0.0
-        notes.append("the longitude is unknown; it counts from 0 (give --longitude)")
-    if height is None:
-        height = 0.0
-        notes.append("the height at the start is unknown; 0 m is assumed (give --height)")
-    velocity = start_velocity(source, alignment, config)
-    if velocity is None:
-        velocity = np.zeros(3)
-        notes.append(
-            "the velocity at the start is unknown and the vehicle is not at rest; 0 is assumed"
-            " (give --initial-velocity)"
-        )
-    latitude, longitude = latitude * DEGREE, longitude * DEGREE
-    if config.align.latitude is None:  # that of the antenna
-        north, east, down = rotate(
-            alignment.q_nb, np.array(config.gnss.lever_arm or (0.0, 0.0, 0.0))
-        )
-        height += float(down)
-        if alignment.north_referenced:
-            where = displaced(latitude, longitude, height, -north, -east)
-            latitude, longitude = float(where[0]), float(where[1])
-    return initial_state(latitude, longitude, height, velocity, alignment.q_nb), notes
-
-
-def start_velocity(
-    source: Source, alignment: Alignment, config: ProcessConfig
-) -> np.ndarray | None:
-    """Velocity at the start: as specified, at rest, or by GNSS; None where it is unknown."""
-    if config.navigation.initial_velocity is not None:
-        return np.array(config.navigation.initial_velocity)
-    still = source.survey.lead_in
-    if still is not None and alignment.bias_source == "still":
-        return np.zeros(3)
-    gnss = source.aiding.gnss
-    if gnss is not None and gnss.has_velocity.any():
-        rows = gnss.rows(gnss.has_velocity)
-        k = int(np.argmin(np.abs(rows.time_ns - alignment.time_ns)))
-        if abs(int(rows.time_ns[k]) - alignment.time_ns) <= VELOCITY_NS:
-            return np.asarray(np.nan_to_num(rows.velocity_n[k]))
-    return None if still is None else np.zeros(3)
 
 
 def undamped_warning(latitude: float, seconds: float) -> str:

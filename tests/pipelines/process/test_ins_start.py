@@ -1,0 +1,50 @@
+"""Where `--mode ins` begins, and how fast: by fixes of a vehicle in motion."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.trusted_navigation import read_back
+from sinstool.cli.main import cli
+from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
+
+OPTIONS = (
+    "--mode ins --gyro-kind mean-rate --json -q --emit odometry,fix"
+    f" --lever-arm={','.join(map(str, LEVER))}"
+).split()
+
+
+def first_errors(folder, seed, sigma_v, latency=0.0):
+    """Largest errors of the first position, m, and velocity, m/s, of a drive without rest."""
+    truth = drive(seed, 120.0, 0.0)
+    data = record(truth, GRADES["industrial"], seed, sigma=0.1, sigma_v=sigma_v, latency=latency)
+    log, out = write(folder / "log.mcap", data), folder / "out.mcap"
+    options = [*OPTIONS, "--gnss-latency", str(latency)]
+    done = CliRunner().invoke(cli, ["process", str(log), "-o", str(out), *options])
+    assert done.exit_code == 0, done.output
+    error = read_back(out, truth).error[0]
+    return np.abs(error[:3]).max(), np.abs(error[3:6]).max()
+
+
+@pytest.mark.parametrize(("seed", "latency"), [(1, 0.0), (2, 0.0), (2, 0.2)])
+def test_a_moving_start_has_the_velocity_of_that_instant(tmp_path, seed, latency):
+    """That of the first fix, a second later, was 1.5 m/s off while a car speeded up."""
+    place, speed = first_errors(tmp_path, seed, 0.05, latency)
+    assert place < 0.4 and speed < 0.15
+
+
+def test_positions_alone_show_a_velocity_and_a_heading(tmp_path):
+    """They were not used: 0 m/s in an unknown direction, and 32 km off after 200 s."""
+    place, speed = first_errors(tmp_path, 1, None)
+    assert place < 0.6 and speed < 0.5
+
+
+def test_a_given_velocity_stays(tmp_path):
+    truth = drive(1, 120.0, 0.0)
+    log = write(tmp_path / "log.mcap", record(truth, GRADES["industrial"], 1, sigma_v=0.05))
+    out = tmp_path / "out.mcap"
+    given = ["--initial-velocity", "3,4,0"]
+    done = CliRunner().invoke(cli, ["process", str(log), "-o", str(out), *OPTIONS, *given])
+    assert done.exit_code == 0, done.output
+    first = read_back(out, truth)
+    np.testing.assert_allclose(truth.velocity_n[0] - first.error[0, 3:6], [3, 4, 0], atol=0.02)
