@@ -24,6 +24,7 @@ from sinstool.cli.console import Choice, progress_bar
 from sinstool.cli.help import Command, Option
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import ALIGN_OPTIONS, ProcessConfig
+from sinstool.core.english import counted
 
 if TYPE_CHECKING:
     from sinstool.pipelines.align.result import AlignResult
@@ -126,7 +127,7 @@ def _rows(result: AlignResult, verbose: bool) -> list[tuple[str, str]]:
         rows.append(("sigma", f"{', '.join(shown)} deg about north, east, down"))
     if result.n_pairs and result.start_s is not None and result.stop_s is not None:
         pairs = f"{result.n_pairs} pairs from {result.start_s:.1f} to {result.stop_s:.1f} s"
-        rejected = f"{result.n_rejected} fixes rejected"
+        rejected = f"{counted(result.n_rejected or 0, 'fix')} rejected"
         rows.append(("used", f"{pairs}, {rejected}, chi2 {result.chi2:.2f}"))
     if result.truth is not None and result.truth.error_deg is not None:
         shown = ["-" if e is None else f"{e:.3g}" for e in result.truth.error_deg]

@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from sinstool.config import InputOptions
+from sinstool.core.english import all_that, counted
 from sinstool.core.errors import DataError, SinstoolError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs, Stream, concatenate
@@ -143,10 +144,11 @@ def in_order(
     if stream is None:
         return None, []
     if stream.backward:
-        text = f"topic {topic}: {stream.backward} messages came out of order; sorted"
+        text = f"topic {topic}: {counted(stream.backward, 'message')} came out of order; sorted"
         findings.append(_counted("out-of-order", text, topic, stream.backward))
     if stream.repeated and not repeats:
-        text = f"topic {topic}: {stream.repeated} messages repeat a stamp; left out"
+        repeat = all_that(stream.repeated, "message", "repeats", "repeat")
+        text = f"topic {topic}: {repeat} a stamp; left out"
         findings.append(_counted("repeated-stamps", text, topic, stream.repeated))
     return stream.stream, findings
 

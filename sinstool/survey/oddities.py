@@ -13,6 +13,7 @@ from itertools import chain
 import numpy as np
 
 from sinstool.config import InputOptions
+from sinstool.core.english import all_that, counted
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.order_statistics import median
 from sinstool.core.timeline import SECOND
@@ -289,19 +290,19 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if o.backward:
         yield Finding(
             "backward-stamps",
-            f"{o.backward} samples are stamped earlier than the one before them, by up to"
-            f" {o.lateness_ns / 1e9:.3g} s; they were put in order",
+            f"{counted(o.backward, 'sample')} stamped earlier than the one before, by up to"
+            f" {o.lateness_ns / 1e9:.3g} s: put in order",
         )
     if o.duplicates:
         yield Finding(
             "duplicate-stamps",
-            f"{o.duplicates} samples repeat a stamp ({o.differing_duplicates} with other"
-            " values); they were left out",
+            f"{all_that(o.duplicates, 'sample', 'repeats', 'repeat')} a stamp"
+            f" ({o.differing_duplicates} with other values); left out",
         )
     if o.late:
         yield Finding(
             "late-samples",
-            f"{o.late} samples came too late in the file to be sorted and were left out",
+            f"{counted(o.late, 'sample')} came too late in the file to be sorted; left out",
             Severity.LOST,
         )
     if s.gap_count:
@@ -309,8 +310,7 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if s.missed:
         yield Finding(
             "missed-samples",
-            f"samples are missing at {s.missed} place{'' if s.missed == 1 else 's'}; they are"
-            " integrated across",
+            f"samples are missing at {counted(s.missed, 'place')}; they are integrated across",
         )
     low, high = s.clock_offset_s
     if max(abs(low), abs(high)) > CLOCK_OFFSET_S:
@@ -325,13 +325,14 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
         )
 
 
-def found_gaps(s: Survey, across_ns: int) -> Finding:
+def found_gaps(s: Survey, across_ns: int | None = None) -> Finding:
     """The gaps of an IMU.
 
     Parameters
     ----------
-    across_ns : int
-        Gaps up to this long are integrated across.
+    across_ns : int, optional
+        Gaps up to this long are integrated across; by default nothing is said of that, as it is
+        for a run to decide.
     """
     longest = max(length for _, length in s.gaps)
     limit = f"longer than {s.max_gap_ns / 1e6:.4g} ms"
@@ -339,6 +340,8 @@ def found_gaps(s: Survey, across_ns: int) -> Finding:
     if s.gap_count > 1:
         text = f"{s.gap_count} gaps {limit}, {s.gap_total_s:.4g} s in all, the longest"
         text, them = f"{text} {longest:.4g} s", "them"
+    if across_ns is None:
+        return Finding("gaps", text)
     # At most the longest gaps are listed
     short = s.gap_count - sum(1 for _, length in s.gaps if SECOND * length > across_ns)
     if short == s.gap_count:
@@ -352,30 +355,30 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if s.losses.malformed:
         yield Finding(
             "malformed",
-            f"{s.losses.malformed} messages do not fit their definition"
-            f" ({s.losses.problem}) and were left out",
+            f"{all_that(s.losses.malformed, 'message', 'does', 'do')} not fit the definition"
+            f" ({s.losses.problem}); left out",
             severity=Severity.LOST,
         )
     if s.losses.nonfinite:
         yield Finding(
             "not-finite",
-            f"{s.losses.nonfinite} samples hold NaN, infinity or more than {LARGEST:.0e};"
-            " they were left out",
+            f"{all_that(s.losses.nonfinite, 'sample', 'holds', 'hold')} NaN, infinity or more"
+            f" than {LARGEST:.0e}; left out",
             severity=Severity.LOST,
         )
     out = s.left_out
     if out is not None and out.hung:
         yield Finding(
             "imu-hangs",
-            f"{out.hung} samples are all zero, or repeat all six values of the one before"
-            " several times and then leap: the sensor or its driver hung; they were left out",
+            f"{counted(out.hung, 'sample')} left out: all zero, or the same six values several"
+            " times before a leap, as the sensor or its driver hung",
             numbers={"samples": out.hung},
         )
     if out is not None and out.wrong:
         yield Finding(
             "wrong-values",
-            f"in {out.wrong} samples a value leaps far off those before and after, as no motion"
-            " does, but an error of transmission; they were left out",
+            f"in {counted(out.wrong, 'sample')} a value leaps far off those before and after, as no"
+            " motion does, but an error of transmission; left out",
             numbers={"samples": out.wrong},
         )
     if s.dead_axes:

@@ -15,6 +15,7 @@ import numpy as np
 
 from sinstool.config import InputOptions
 from sinstool.core.arrays import BoolArray
+from sinstool.core.english import counted
 from sinstool.core.errors import AlignmentError, DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Encoder, Imu
@@ -85,7 +86,12 @@ class MessageCounts:
             ("not finite", self.not_finite, Severity.LOST),
         )
         return [
-            Finding("left-out", f"{n} messages of {self.topic} {why}", severity, topic=self.topic)
+            Finding(
+                "left-out",
+                f"{counted(n, 'message')} of {self.topic} {why}",
+                severity,
+                topic=self.topic,
+            )
             for why, n, severity in reasons
             if n
         ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.english import counted
 from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
 from sinstool.core.running_median import running_median
@@ -106,10 +107,8 @@ def stretches(
             broken[k + 1] = True
             reason[int(k + 1)] = f"a gap of {step[k] * 1e-9:.3f} s in the IMU"
     if bridged:
-        bridges = "1 gap" if bridged == 1 else f"{bridged} gaps"
-        verb = "is" if bridged == 1 else "are"
-        most = f"of up to {longest_bridged * 1e-9:.3f} s in the IMU"
-        warnings.append(f"{bridges} {most} {verb} integrated across")
+        most = f"of up to {longest_bridged * 1e-9:.3f} s"
+        warnings.append(f"{counted(bridged, 'gap')} {most} in the IMU integrated across")
     if broken.any():
         many = f"{int(broken.sum())} gaps in the IMU interrupt the attitude; the longest is"
         one = "a gap in the IMU interrupts the attitude; it is"
@@ -154,7 +153,7 @@ def prepare_fixes(
     warnings = []
     new = np.diff(gnss.time_ns, prepend=gnss.time_ns[:1] - 1) > 0
     if not new.all():
-        warnings.append(f"{int((~new).sum())} fixes with repeated times are left out")
+        warnings.append(f"{counted(int((~new).sum()), 'fix')} with repeated times left out")
     placed = np.isfinite(gnss.latitude) & np.isfinite(gnss.longitude) & np.isfinite(gnss.height)
     gnss = gnss.rows(new & placed)
     sigma = np.full(len(gnss), settings.gnss_sigma_v)

@@ -140,7 +140,7 @@ class InspectedImu:
     time_source : str
         ``stamp`` (header stamps), or ``log`` (log times, if stamps are unusable).
     gaps, gap_list : int, tuple of Gap
-        Intervals that are not integrated across.
+        Intervals longer than ``--max-gap``.
     duplicates, backward : int
         Samples that repeat a stamp, and samples stamped before their predecessor.
     log_less_stamp_s : tuple of float

@@ -19,7 +19,7 @@ from sinstool.pipelines.info import result
 from sinstool.pipelines.info.collect import Sampling, Traffic, Values
 from sinstool.pipelines.plan import make_plan
 from sinstool.survey.imu import Survey
-from sinstool.survey.oddities import gravity_axis, oddities
+from sinstool.survey.oddities import found_gaps, gravity_axis, oddities
 from sinstool.survey.samples import SampleCache
 from sinstool.survey.source import prepare, survey_samples
 
@@ -194,7 +194,10 @@ def _describe(topic: ImuTopic, survey: Survey, options: InputOptions) -> result.
         accel_max_m_s2=tuple(survey.accel_max.tolist()),
         orientation=survey.orientation is not None,
         still=_still(survey, options),
-        findings=tuple(oddities(survey, options)),
+        # What is done about gaps is for the modes of `process` to say
+        findings=tuple(
+            found_gaps(survey) if f.kind == "gaps" else f for f in oddities(survey, options)
+        ),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy import special
 
 from sinstool.config import ProcessConfig
+from sinstool.core.english import counted
 from sinstool.core.errors import AlignmentError, ConfigurationError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.result import compass
@@ -101,7 +102,8 @@ def process_turntable(
     without = len(samples.imu) - int(np.count_nonzero(samples.made)) - attitudes
     if without:
         warnings.append(
-            f"{without} samples lie where the encoder or the gyro has a gap; they get no attitude"
+            f"{counted(without, 'sample')} without attitude, where the encoder or the gyro has a"
+            " gap"
         )
     plan = turntable_plan(samples.topic.topic, config)
     findings = (

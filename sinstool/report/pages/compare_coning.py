@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sinstool.config import ProcessConfig
 from sinstool.config.coning import COMPARISON_OPTIONS
+from sinstool.core.english import counted
 from sinstool.pipelines.compare_coning.paper import Reproduction
 from sinstool.pipelines.compare_coning.summary import AlgorithmResult, ComparisonResult
 from sinstool.report.figure import Figure
@@ -15,7 +16,6 @@ from sinstool.report.pages.settings import config_settings, input_rows, read_fil
 from sinstool.report.sections import Column, Fact, Page, Prose, Section, Settings, Table, table_of
 from sinstool.report.text.coning import COLUMNS, LEGEND, PSEUDO, TERMINAL, about_reference, shown
 from sinstool.report.text.coning import Column as ColumnOf
-from sinstool.report.text.numbers import counted
 
 PAPER_OPTIONS = ("comparison.algorithms", "comparison.phase", "coning.gyro_response")
 

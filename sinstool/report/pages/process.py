@@ -7,6 +7,7 @@ from math import hypot, isfinite
 from pathlib import Path
 
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
+from sinstool.core.english import counted
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.withheld import Outage
 from sinstool.pipelines.process import filter_used, height_used, hse_used
@@ -18,7 +19,6 @@ from sinstool.report.pages.settings import config_settings, input_rows
 from sinstool.report.recorder import Recorder
 from sinstool.report.sections import Cell, Column, Fact, Page, Prose, Rows, Section, Settings, Table
 from sinstool.report.text.account import account, distance, duration, squares
-from sinstool.report.text.numbers import counted
 from sinstool.report.text.process import compass, summary_rows
 
 # Rows of the table of events; all of them are in --json.

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import click
 
+from sinstool.core.english import counted
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import clock_time
 from sinstool.io.readers.lost import LogLosses
 from sinstool.pipelines.info.result import InspectedImu, Inspection, UnusableImu
-from sinstool.report.text.numbers import counted
 from sinstool.report.text.table import table
 
 

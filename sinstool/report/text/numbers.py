@@ -42,8 +42,3 @@ def _places(sigma: float) -> int:
     places = DIGITS - 1 - floor(log10(sigma))
     # 0.0999 rounds to 0.10, which has one digit more than its logarithm says
     return places - 1 if round(sigma, places) >= 10.0 ** (DIGITS - places) else places
-
-
-def counted(count: int, noun: str) -> str:
-    """A count with its noun, whose plural is regular: "1 gap", "2 gaps"."""
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sinstool.report.text.numbers import counted, measured
+from sinstool.core.english import counted
+from sinstool.report.text.numbers import measured
 
 if TYPE_CHECKING:
     from sinstool.pipelines.process import filter_used, height_used, hse_used, summary

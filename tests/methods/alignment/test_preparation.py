@@ -164,7 +164,7 @@ def test_fixes_without_place_or_of_repeated_time():
     time = np.arange(300) * 100 * MS
     time[50] = time[49]
     gnss, _, warnings = prepare_fixes(fixes(latitude=latitude, time_ns=time), AlignmentSettings())
-    assert len(gnss) == 298 and "1 fixes with repeated times" in warnings[0]
+    assert len(gnss) == 298 and "1 fix with repeated times left out" in warnings[0]
 
 
 def missing(count, which):

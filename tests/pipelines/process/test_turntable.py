@@ -245,7 +245,10 @@ def test_gap_in_the_encoder(calibrated, tmp_path):
     assert status == 0
     missing = printed["imu"]["n"] - printed["output"]["attitudes"]
     assert 35 < missing < 45
-    assert f"warning: {missing} samples lie where the encoder or the gyro has a gap" in err
+    assert (
+        f"warning: {missing} samples without attitude, where the encoder or the gyro has a gap"
+        in err
+    )
     assert len(printed["hse"]["segments"]) == 2
 
 

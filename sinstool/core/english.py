@@ -1,0 +1,14 @@
+"""Counts in sentences."""
+
+from __future__ import annotations
+
+
+def counted(count: int, noun: str) -> str:
+    """A count with its noun, whose plural is regular: "1 gap", "2 gaps", "2 fixes"."""
+    ending = "" if count == 1 else "es" if noun.endswith("x") else "s"
+    return f"{count} {noun}{ending}"
+
+
+def all_that(count: int, noun: str, verb: str, verbs: str) -> str:
+    """A count, its noun and the verb that agrees: "1 sample holds", "2 samples hold"."""
+    return f"{counted(count, noun)} {verb if count == 1 else verbs}"
