@@ -8,16 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
-from sinstool.core.order_statistics import quantile
 from sinstool.core.streams import Gnss
 from sinstool.core.timeline import SECOND
+from sinstool.survey.stuck import evenly_apart
 
 # A value is on the straight line between its neighbours if it is off by less than this share of
 # their distance. Noise and motion of a vehicle put hardly any there.
 ON_LINE = 1e-3
-# Fixes were interpolated if a corner follows another after about the same number of them, nearly
-# always: the tenth and the nine tenths of so many differ by at most one fix or this share.
-LEAST_CORNERS, UNEVEN, TENTHS = 10, 0.25, (0.1, 0.5, 0.9)
 
 
 def on_lines(time_ns: IntArray, values: FloatArray) -> BoolArray:
@@ -64,11 +61,10 @@ def interpolated(fixes: Gnss) -> tuple[BoolArray, float]:
     # A corner between two fixes bends the track at both
     corner = np.flatnonzero(~straight)
     corner = corner[np.append(True, np.diff(corner) > 1)]
-    if len(corner) < LEAST_CORNERS + 2:
-        return none, 1.0
-    low, usual, high = (float(quantile(np.diff(corner)[1:-1], p)) for p in TENTHS)
-    if low < 2.0 or high - low > max(1.0, UNEVEN * usual):
+    # A converter puts about the same number of fixes between two of the receiver, nearly always
+    apart = evenly_apart(corner)
+    if apart is None or apart[0] < 2.0:
         return none, 1.0
     between = ~none
     between[corner] = False
-    return between, usual
+    return between, apart[1]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sinstool.core.arrays import BoolArray
+from sinstool.core.arrays import BoolArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.order_statistics import quantile
 from sinstool.core.rotation import wrapped
@@ -19,9 +19,9 @@ LEAST_ALIKE = 3
 LEAP_SIGMAS, LEAP_STEPS, LEAP_SPEED = 5.0, 3.0, 0.3
 # A velocity is not the one that it repeats if the way is another by such a share of it.
 OFF_SHARE = 0.25
-# A driver that sends its latest fix by a clock of its own sends nearly all of them equally often,
-# to one message or this share: the tenth and the nine tenths of so many rows of alike ones.
-LEAST_ROWS, UNEVEN, TENTHS = 10, 0.25, (0.1, 0.5, 0.9)
+# What a clock makes is nearly always equally far apart, to one fix or this share: the tenth and the
+# nine tenths of so many distances.
+LEAST_APART, UNEVEN, TENTHS = 10, 0.25, (0.1, 0.5, 0.9)
 
 
 def sent_again(fixes: Gnss) -> tuple[BoolArray, float]:
@@ -45,14 +45,33 @@ def sent_again(fixes: Gnss) -> tuple[BoolArray, float]:
     """
     again = np.zeros(len(fixes), dtype=np.bool_)
     first = np.flatnonzero(np.append(True, ~_alike(fixes)))
-    if len(first) < LEAST_ROWS + 2:
+    # A driver that sends its latest fix by a clock of its own sends nearly all equally often
+    apart = evenly_apart(first)
+    if apart is None or apart[2] < 2.0:
         return again, 1.0
-    low, usual, high = (float(quantile(np.diff(first)[1:], p)) for p in TENTHS)
-    if high < 2.0 or high - low > max(1.0, UNEVEN * usual):
-        return again, 1.0
+    high = apart[2]
     count = np.arange(len(fixes)) - np.repeat(first, np.diff(np.append(first, len(fixes))))
     again[:] = count % (int(high) + 1) > 0
     return again, len(fixes) / float(np.count_nonzero(~again))
+
+
+def evenly_apart(rows: IntArray) -> tuple[float, float, float] | None:
+    """Distances of rows that are about equally far apart: small, usual and large ones.
+
+    Parameters
+    ----------
+    rows : ndarray of int, shape (n,)
+        Ascending. The first and the last distance may be of what is not whole.
+
+    Returns
+    -------
+    tuple of float or None
+        None if they are not, or too few.
+    """
+    if len(rows) < LEAST_APART + 2:
+        return None
+    low, usual, high = (float(quantile(np.diff(rows)[1:-1], p)) for p in TENTHS)
+    return None if high - low > max(1.0, UNEVEN * usual) else (low, usual, high)
 
 
 def stuck_fixes(fixes: Gnss) -> BoolArray:

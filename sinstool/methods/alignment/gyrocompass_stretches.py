@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinstool.core import earth, rotation
+from sinstool.core.english import counted
 from sinstool.methods.alignment.inflight_types import FloatArray, ImuIncrements
 from sinstool.methods.alignment.still import WINDOW_NS, WindowStage, still_spans
 from sinstool.methods.strapdown.attitude import AttitudePropagator
@@ -178,7 +179,7 @@ def _longest_part(imu: ImuIncrements) -> tuple[ImuIncrements, tuple[str, ...]]:
     longest = int(np.argmax(np.diff(edges)))
     imu = imu.rows(slice(int(edges[longest]), int(edges[longest + 1])))
     text = (
-        f"the record has {len(breaks)} gaps of more than {_GAP_S:g} s; its longest part"
+        f"the record has {counted(len(breaks), 'gap')} of more than {_GAP_S:g} s; its longest part"
         f" of {(imu.time_ns[-1] - imu.time_ns[0]) * 1e-9:.0f} s is used"
     )
     return imu, (text,)

@@ -33,6 +33,9 @@ STEADY_TURN = 10.0 * DEGREE
 MIN_SAMPLES = 4
 LONGEST_STEP_S = 0.2  # between samples that turns are integrated over
 MIN_WINDOWS = 2
+# Where a recorder lost samples for a second or so, a rest goes on: nothing moves off and comes to
+# rest again with the same tilt in that time. So many windows after the one before it.
+MOST_APART = 3
 
 # Columns of a window row
 _INDEX, _COUNT, _MEAN, _SQUARES, _CHANGES, _TURNED = 0, 1, 2, 8, 14, 20
@@ -169,7 +172,7 @@ class StillSpan:
 
 
 def still_spans(windows: Windows) -> list[StillSpan]:
-    """Spans of at least a second in which nothing moved.
+    """Spans of at least a second in which nothing moved, across short gaps of the samples.
 
     Returns
     -------
@@ -194,7 +197,7 @@ def still_spans(windows: Windows) -> list[StillSpan]:
         if begin is not None:
             joins_span = (
                 joins
-                and starts[k] - starts[k - 1] == WINDOW_NS
+                and starts[k] - starts[k - 1] <= MOST_APART * WINDOW_NS
                 and gyro_std <= max(STD_GROWTH * turning, KNOCK_STD[0])
                 and accel_std <= max(STD_GROWTH * shaking, KNOCK_STD[1])
                 and dist(gyros[k], gyro) < GYRO_STEP + MEAN_SIGMAS * gyro_std / sqrt(counts[k])

@@ -1,4 +1,4 @@
-"""Covariance of a navigation that was carried back from a later state.
+"""A navigation that is carried back from a later state, and its covariance.
 
 A step of the errors forward is ``x' = F x + w``, so that before it ``P = F^-1 (P' + Q) F^-T``.
 Errors of sensors are as large as the filter assumes, and vary as they do there.
@@ -19,12 +19,41 @@ from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.parameters import sensor_densities
 from sinstool.methods.ins_gnss.settings import TURN, Start
 from sinstool.methods.sensor_errors import SensorGrade
+from sinstool.methods.strapdown import navigation
 from sinstool.methods.strapdown.velocity import Increments
 
 STEP_S = 1.0
 # Blocks of three errors: position, velocity, attitude, biases and scale factors of both sensors.
 P, V, A, BG, BA, SG, SA = (slice(3 * k, 3 * k + 3) for k in range(7))
 SIZE = 21
+
+
+def navigated_back(start: Start, updates: Increments) -> FloatArray:
+    """States before each update and after the last, which is the start's.
+
+    Parameters
+    ----------
+    start : Start
+        At the end of the last update.
+    updates : Increments
+        n of them, biases not taken off.
+
+    Returns
+    -------
+    ndarray, shape (n + 1, SIZE)
+        See :func:`~sinstool.methods.strapdown.navigation.initial_state`.
+    """
+    dt = updates.interval
+    rows = np.empty((len(dt) + 1, navigation.SIZE))
+    rows[-1] = start.nav
+    navigation.navigate_backward(
+        start.nav.copy(),
+        np.ascontiguousarray(updates.rotation_vector - start.gyro_bias * dt[:, None]),
+        np.ascontiguousarray(updates.velocity_increment - start.accel_bias * dt[:, None]),
+        np.ascontiguousarray(dt),
+        rows[:-1],
+    )
+    return rows
 
 
 def carried_back(

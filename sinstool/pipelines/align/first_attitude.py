@@ -19,7 +19,7 @@ from sinstool.core.units import DEGREE
 from sinstool.io.readers.frames import turn_body
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment, tilted
-from sinstool.methods.alignment.still import STEADY_TURN
+from sinstool.methods.alignment.still import STEADY_TURN, StillSpan
 from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.receiver_ahead import RECEIVER_CLOCK
@@ -115,6 +115,18 @@ def _aligned(source: Source, config: ProcessConfig, gnss: GnssEpochs | None) -> 
     else:
         alignment = initial.from_motion(survey.windows, survey.first_ns)
     return _with_bias(alignment, source, config)
+
+
+def rest_held(source: Source, alignment: Alignment) -> StillSpan | None:
+    """The rest at the log's beginning through which an attitude stays the same.
+
+    An attitude found in motion is carried back to its end, and is that of its beginning, too.
+    """
+    still = source.survey.lead_in
+    in_motion = alignment.method in IN_FLIGHT
+    if still is None or not (alignment.bias_source == "still" or in_motion):
+        return None
+    return still if alignment.time_ns < still.end_ns else None
 
 
 def _accel_bias(source: Source, config: ProcessConfig) -> float:

@@ -18,6 +18,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.methods.strapdown.navigation import initial_state
+from sinstool.pipelines.align.first_attitude import rest_held
 from sinstool.survey.source import Source, imu_blocks
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def _specified(
     source: Source, alignment: Alignment, config: ProcessConfig
 ) -> tuple[FloatArray | None, bool]:
     """Velocity as configured or of a rest, m/s, and whether the vehicle rests."""
-    rests = source.survey.lead_in is not None and alignment.bias_source == "still"
+    rests = rest_held(source, alignment) is not None
     if config.navigation.initial_velocity is not None:
         return np.array(config.navigation.initial_velocity), False
     return (np.zeros(3), True) if rests else (None, False)

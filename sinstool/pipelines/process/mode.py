@@ -11,6 +11,7 @@ from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Diagnostics, Solution
 from sinstool.io.writers.solution_topics import Frames
+from sinstool.pipelines.align.first_attitude import rest_held
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.summary import ModeResult, Sink
 from sinstool.survey.oddities import oddities
@@ -79,7 +80,7 @@ def sample_settings(source: Source, config: ProcessConfig, plan: Plan) -> dict[s
         By the names of :class:`~sinstool.methods.strapdown.segment_samples.SampleSettings`.
     """
     alignment = plan.alignment
-    still = source.survey.lead_in if alignment.bias_source == "still" else None
+    still = rest_held(source, alignment)
     return {
         "algorithm": plan.algorithm,
         "gyro_kind": config.input.sample_kind,

@@ -133,6 +133,19 @@ def test_rest_ends_before_the_motion_begins():
     assert lead_in([], t0) is None
 
 
+@pytest.mark.parametrize("lost", [0.1, 0.6, 1.2])
+def test_a_rest_goes_on_across_a_short_gap(lost):
+    """A recorder that lost half a second left too little of a rest of a minute to gyrocompass."""
+    gyro, accel = resting(2000)
+    times = even_times(2000)
+    times[1000:] += round(lost * 1e9)
+    (span,) = still_spans(windows(gyro, accel, times))
+    assert span.duration_s == pytest.approx(10.0 + lost, abs=0.6) and span.samples > 1900
+    # Not where it was tilted meanwhile
+    accel[1000:] = Rotation.from_euler("x", 5, degrees=True).apply(accel[1000:])
+    assert len(still_spans(windows(gyro, accel, times))) == 2
+
+
 def test_rest_does_not_reach_across_a_gap():
     gyro, accel = resting(2000)
     times = even_times(2000)

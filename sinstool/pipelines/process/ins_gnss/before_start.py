@@ -9,7 +9,7 @@ from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Imu, Solution, concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.ins_gnss.carried_back import carried_back
+from sinstool.methods.ins_gnss.carried_back import carried_back, navigated_back
 from sinstool.methods.ins_gnss.constraints import REST_VELOCITY
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.ins_gnss.smoothed_epochs import SmoothedEpochs
@@ -28,10 +28,8 @@ from sinstool.methods.strapdown.navigation import (
     LONGITUDE,
     Q_W,
     Q_Z,
-    SIZE,
     V_DOWN,
     V_NORTH,
-    navigate_backward,
 )
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -116,19 +114,9 @@ def before_start(
     if not made or int(samples[0].time_ns[0]) > prepared.time_ns:
         return None
     updates = concatenate(made)
-    dt = updates.interval
-    if len(dt) and int(updates.time_ns[-1]) != prepared.time_ns:
+    if len(updates.time_ns) and int(updates.time_ns[-1]) != prepared.time_ns:
         return None  # the start is no end of an update
-    rows = np.empty((len(dt) + 1, SIZE))
-    rows[-1] = start.nav
-    state = start.nav.copy()
-    navigate_backward(
-        state,
-        np.ascontiguousarray(updates.rotation_vector - start.gyro_bias * dt[:, None]),
-        np.ascontiguousarray(updates.velocity_increment - start.accel_bias * dt[:, None]),
-        np.ascontiguousarray(dt),
-        rows[:-1],
-    )
+    rows = navigated_back(start, updates)
     if rests:
         rows[:, [LATITUDE, LONGITUDE, HEIGHT]] = start.nav[[LATITUDE, LONGITUDE, HEIGHT]]
         rows[:, V_NORTH : V_DOWN + 1] = 0.0

@@ -12,6 +12,7 @@ from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
 from sinstool.core.options import span
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
+from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import message_times, split_position_velocity
 from sinstool.methods.ins_gnss.returning_fixes import leaps, unsettled
@@ -193,9 +194,22 @@ def regraded(
     """
     settings = filter_settings(source, config, grade, first.settings.gnss, first.reference)
     settings = replace(settings, gnss_latency=first.settings.gnss_latency)
-    fixes = StartFixes.of(first.used, settings.gnss)
-    found = find_start(source, config, settings, fixes, first.alignment)
-    return replace(first.at(found), settings=settings, grade=grade)
+    other = replace(first, settings=settings, grade=grade)
+    return from_attitude(source, config, other, first.alignment)
+
+
+def from_attitude(
+    source: Source, config: ProcessConfig, start: FilterStart, alignment: Alignment
+) -> FilterStart:
+    """The same filter from a known attitude.
+
+    Raises
+    ------
+    AlignmentError
+        There are no fixes near it.
+    """
+    fixes = StartFixes.of(start.used, start.settings.gnss)
+    return start.at(find_start(source, config, start.settings, fixes, alignment))
 
 
 def as_graded(

@@ -21,15 +21,15 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.ins_gnss.carried_back import carried_back
+from sinstool.methods.ins_gnss.carried_back import carried_back, navigated_back
 from sinstool.methods.ins_gnss.instants import GAP_TIME
 from sinstool.methods.ins_gnss.loop import BESIDE
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
-from sinstool.methods.strapdown.navigation import Q_W, Q_Z, SIZE, navigate_backward
+from sinstool.methods.strapdown.navigation import Q_W, Q_Z
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.initial_state import StartFixes, find_start
+from sinstool.pipelines.process.ins_gnss.first_start import from_attitude
 from sinstool.pipelines.process.ins_gnss.iterated_start import (
     SmoothedStart,
     iterated,
@@ -140,13 +140,10 @@ def _begun(
     alignment: Alignment,
 ) -> FilterStart | None:
     """The same filter from another attitude; None without fixes near it."""
-    fixes = StartFixes.of(start.used, start.settings.gnss)
-    here = to_align_as(config, start.grade)
     try:
-        found = find_start(source, here, start.settings, fixes, alignment)
+        begun = from_attitude(source, to_align_as(config, start.grade), start, alignment)
     except AlignmentError:
         return None
-    begun = start.at(found)
     return replace(begun, start=iterated(begun, _following(source, config, algorithm, begun)))
 
 
@@ -220,21 +217,13 @@ def _carried(
     corrected: Start, start: FilterStart, updates: Increments, bridged: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Attitude at each update's end, and its covariance, rad^2."""
-    dt = updates.interval
-    rows = np.empty((len(dt) + 1, SIZE))
-    rows[-1] = corrected.nav
-    navigate_backward(
-        corrected.nav.copy(),
-        np.ascontiguousarray(updates.rotation_vector - corrected.gyro_bias * dt[:, None]),
-        np.ascontiguousarray(updates.velocity_increment - corrected.accel_bias * dt[:, None]),
-        np.ascontiguousarray(dt),
-        rows[:-1],
-    )
-    q_nb = rows[:, Q_W : Q_Z + 1]
+    q_nb = navigated_back(corrected, updates)[:, Q_W : Q_Z + 1]
     rates = np.array([start.settings.gap_tilt_rate] * 2 + [start.settings.gap_rate])
-    unseen = np.where(bridged[:, None], rates**2 * GAP_TIME * dt[:, None], 0.0)
+    turned = rates**2 * GAP_TIME * updates.interval[:, None]
+    unseen = np.where(bridged[:, None], turned, 0.0)
     seconds, nodes = carried_back(corrected, start.settings.imu, updates, q_nb, unseen)
     before = (updates.time_ns[-1] - updates.time_ns) / SECOND
+    # Of a step with a gap in it, all of which may lie behind the row, the covariance is the larger
     at = np.clip(np.searchsorted(seconds, before), 0, len(seconds) - 1)
     return q_nb[1:], nodes[at, 6:, 6:]
 
