@@ -179,13 +179,10 @@ def still_spans(windows: Windows) -> list[StillSpan]:
     list of StillSpan
         In order of time.
     """
-    quiet = (
-        (windows.gyro_std < MAX_GYRO_STD)
-        & (windows.accel_std < MAX_ACCEL_STD)
-        & (windows.count >= MIN_SAMPLES)
-    )
+    quiet = (windows.gyro_std < MAX_GYRO_STD) & (windows.accel_std < MAX_ACCEL_STD)
     spans: list[StillSpan] = []
     begin: int | None = None
+    last = 0
     total = turning = shaking = 0.0
     gyro: list[float] = []
     accel: list[float] = []
@@ -194,17 +191,19 @@ def still_spans(windows: Windows) -> list[StillSpan]:
     gyros, accels = windows.gyro.tolist(), windows.accel.tolist()
     noise = zip(windows.gyro_std.tolist(), windows.accel_std.tolist(), strict=True)
     for k, (joins, (gyro_std, accel_std)) in enumerate(zip(quiet.tolist(), noise, strict=True)):
+        if counts[k] < MIN_SAMPLES:
+            continue  # at the edge of a gap: too few to say anything
         if begin is not None:
             joins_span = (
                 joins
-                and starts[k] - starts[k - 1] <= MOST_APART * WINDOW_NS
+                and starts[k] - starts[last] <= MOST_APART * WINDOW_NS
                 and gyro_std <= max(STD_GROWTH * turning, KNOCK_STD[0])
                 and accel_std <= max(STD_GROWTH * shaking, KNOCK_STD[1])
                 and dist(gyros[k], gyro) < GYRO_STEP + MEAN_SIGMAS * gyro_std / sqrt(counts[k])
                 and dist(accels[k], accel) < ACCEL_STEP + MEAN_SIGMAS * accel_std / sqrt(counts[k])
             )
             if not joins_span:
-                _close(spans, windows, begin, k)
+                _close(spans, windows, begin, last + 1)
                 begin = None
         if not joins:
             continue
@@ -214,10 +213,10 @@ def still_spans(windows: Windows) -> list[StillSpan]:
             gyro, accel = gyros[k], accels[k]
         gyro = _mean(gyro, total, gyros[k], weight)
         accel = _mean(accel, total, accels[k], weight)
-        total += weight
+        last, total = k, total + weight
         turning, shaking = min(turning, gyro_std), min(shaking, accel_std)
     if begin is not None:
-        _close(spans, windows, begin, len(windows))
+        _close(spans, windows, begin, last + 1)
     return spans
 
 

@@ -13,6 +13,7 @@ from sinstool.core.arrays import IntArray
 from sinstool.core.choices import log_choice
 from sinstool.core.earth import EARTH_RATE, earth_rate_n
 from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import conjugate, log, multiply
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 
 # The shortest rest for an automatic gyrocompass, s.
 GYROCOMPASS_S = 30.0
+# Two headings agree within this many sigmas.
+AGREE_SIGMAS = 4.0
 # A filter is linear in its errors: with a larger sigma of the attitude it starts later.
 FILTER_SIGMA = 10.0 * DEGREE
 # A filter that starts within this time of a fix, s, starts at it.
@@ -140,10 +143,12 @@ def _accel_bias(source: Source, config: ProcessConfig) -> float:
 def _north_seen(source: Source, config: ProcessConfig, gnss: GnssEpochs | None) -> Alignment | None:
     """An attitude whose heading counts from north, if the log shows one.
 
-    If the log neither begins at rest nor has an orientation, the tilt by GNSS velocity will do.
+    By the Earth's rotation at rest or by GNSS velocity in motion: that which knows the heading
+    better, unless they contradict each other. If the log neither begins at rest nor has an
+    orientation, the tilt by GNSS velocity will do.
     """
     grade = sensor_grade(source, config).grade
-    still = source.survey.lead_in
+    still, at_rest = source.survey.lead_in, None
     if (
         still is not None
         and grade not in LOW_COST
@@ -152,7 +157,28 @@ def _north_seen(source: Source, config: ProcessConfig, gnss: GnssEpochs | None) 
     ):
         compassed = compass(source, config, grade)
         if compassed.status in ("ok", "degraded"):
-            return _from_compass(compassed, source)
+            at_rest = _from_compass(compassed, source)
+    moving = _by_velocity(source, config, grade, gnss)
+    if at_rest is None or moving is None:
+        return at_rest or moving
+    return moving if _knows_better(moving, at_rest) else at_rest
+
+
+def _knows_better(one: Alignment, other: Alignment) -> bool:
+    """Whether an alignment knows the heading better than another one that it agrees with."""
+    sigma, other_sigma = one.sigma_rad[2], other.sigma_rad[2]
+    if sigma is None or other_sigma is None or one.time_ns > other.time_ns:
+        return False
+    if sigma >= other_sigma:
+        return False
+    turn = log(multiply(one.q_nb, conjugate(other.q_nb)))
+    return bool(abs(turn[2]) < AGREE_SIGMAS * np.hypot(sigma, other_sigma))
+
+
+def _by_velocity(
+    source: Source, config: ProcessConfig, grade: Grade, gnss: GnssEpochs | None
+) -> Alignment | None:
+    """An attitude by GNSS velocity in motion, if the log shows one."""
     if gnss is None or not gnss.has_velocity.any() or not gnss.has_position.any():
         return None
     try:
@@ -163,8 +189,8 @@ def _north_seen(source: Source, config: ProcessConfig, gnss: GnssEpochs | None) 
         log_choice("alignment", f"not by GNSS velocity: {exc.message}")
         return None
     survey = source.survey
-    tilt_alone = moving.result.status == "level-only" and still is None and not survey.oriented
-    if not moving.good and not tilt_alone:
+    level = survey.lead_in is not None or survey.oriented
+    if not moving.good and (moving.result.status != "level-only" or level):
         log_choice("alignment", f"not by GNSS velocity, which is {moving.result.status}")
         return None
     return _from_motion(moving, source, config)

@@ -20,6 +20,7 @@ from sinstool.survey.source import prepare
 from tests.helpers.imulogs import G, even_times, imu_log, resting
 from tests.helpers.launch_logs import TACTICAL, TRUTH, launched
 from tests.helpers.logs import real
+from tests.helpers.unseen_drives import GRADES, drive, record, without_samples, write
 
 SHORT = "vehicle_gnss/yk_urban_short_turn_loop_nominal_002"
 STOP = "vehicle_gnss/yk_urban_stop_go_large_mount_001"
@@ -215,3 +216,18 @@ def test_a_bias_of_motion_is_not_taken_for_one_of_a_rest(monkeypatch):
     np.testing.assert_array_equal(made.gyro_bias, bias)
     assert made.bias_source == "alignment" and made.gyro_bias_sigma == 0.2 * DEGREE
     assert at_rest.bias_source == "rest" and at_rest.gyro_bias_sigma is None
+
+
+@pytest.mark.parametrize(("lost_s", "sigma_v"), [(0.0, 0.05), (0.5, 0.05), (0.0, None)])
+def test_the_heading_that_is_known_better_is_taken(tmp_path, lost_s, sigma_v):
+    """A gyrocompass was taken wherever it could be, though motion showed ten times as much."""
+    truth = drive(4, 240.0, 90.0)
+    data = record(truth, GRADES["tactical"], 4, sigma_v=sigma_v)
+    log = write(tmp_path / "log.mcap", without_samples(data, 20.0, lost_s))
+    source, found = started(log, navigation={"imu_grade": "navigation"})
+    assert found.method == ("svd" if sigma_v else "gyrocompass")
+    assert found.time_ns == source.survey.first_ns
+    heading = rotation.to_euler(found.q_nb)[2]
+    off = rotation.wrapped(heading - rotation.to_euler(rotation.from_dcm(truth.c_nb[0]))[2])
+    assert abs(off) < 4.0 * found.sigma_rad[2]
+    assert sigma_v is None or found.sigma_rad[2] < 0.1 * DEGREE

@@ -1,5 +1,7 @@
 """Where `--mode ins` begins, and how fast: by fixes of a vehicle in motion."""
 
+import json
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -48,3 +50,16 @@ def test_a_given_velocity_stays(tmp_path):
     assert done.exit_code == 0, done.output
     first = read_back(out, truth)
     np.testing.assert_allclose(truth.velocity_n[0] - first.error[0, 3:6], [3, 4, 0], atol=0.02)
+
+
+def test_a_vehicle_stays_where_it_rests_with_an_attitude_of_motion(tmp_path):
+    """By its accelerometers alone, it was 36 m away when it moved off after a minute."""
+    truth = drive(3, 120.0, 60.0)
+    data = record(truth, GRADES["industrial"], 3, sigma=0.1, sigma_v=0.05)
+    log, out = write(tmp_path / "log.mcap", data), tmp_path / "out.mcap"
+    done = CliRunner().invoke(cli, ["process", str(log), "-o", str(out), *OPTIONS])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout)["alignment"]["method"] == "svd"
+    answer = read_back(out, truth)
+    error = np.abs(answer.error[np.searchsorted(answer.seconds, 60.0)])
+    assert error[:3].max() < 0.5 and error[3:6].max() < 0.1
