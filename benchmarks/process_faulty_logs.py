@@ -332,6 +332,12 @@ def check(log: Path, out: Path, summary: dict[str, Any]) -> list[str]:
     stamps, logged = times_of_input(log)
     if any("log time" in text for text in summary["warnings"]):
         stamps = stamps | logged
+    # A clock that was set is set right, and the run says by how much
+    for finding in summary["findings"]:
+        step_ns = round(finding["numbers"].get("step_s", 0.0) * 1e9)
+        if step_ns and finding["kind"] == "clock-step":
+            stamps |= {t - step_ns for t in stamps} | {t + step_ns for t in stamps}
+            logged |= {t - step_ns for t in logged} | {t + step_ns for t in logged}
     with out.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         known = reader.get_summary()
