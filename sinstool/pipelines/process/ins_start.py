@@ -16,6 +16,7 @@ from sinstool.core.streams import GnssEpochs, Solution, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
+from sinstool.methods.alignment.still import StillSpan
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.methods.strapdown.navigation import initial_state
 from sinstool.pipelines.align.first_attitude import rest_held
@@ -69,13 +70,16 @@ def start_state(
         height = 0.0
         notes.append("the height at the start is unknown; 0 m is assumed (give --height)")
     place = np.array([latitude * DEGREE, longitude * DEGREE, height])
-    velocity, rests = _specified(source, alignment, config)
-    fixes = None if rests else source.aiding.gnss
+    rest = rest_held(source, alignment)
+    fixes, given = source.aiding.gnss, config.navigation.initial_velocity
+    velocity: FloatArray | None = None
+    if given is not None or rest is not None:
+        velocity = np.array(given or (0.0, 0.0, 0.0))
     if config.align.latitude is not None:
         if velocity is None:
             velocity = _by_fixes(fixes, place, None, alignment, settings, source, config)[0]
-    elif rests:
-        place = _of_imu(place, alignment, config)
+    elif rest is not None:
+        place = _of_imu(_where_it_rests(fixes, place, rest), alignment, config)
     else:
         velocity, place = _by_fixes(fixes, place, velocity, alignment, settings, source, config)
     known = velocity is not None
@@ -107,14 +111,14 @@ def _with_velocities(gnss: GnssEpochs, config: ProcessConfig) -> StartFixes:
     return StartFixes.of(gnss, gnss_model(gnss, config)[0])
 
 
-def _specified(
-    source: Source, alignment: Alignment, config: ProcessConfig
-) -> tuple[FloatArray | None, bool]:
-    """Velocity as configured or of a rest, m/s, and whether the vehicle rests."""
-    rests = rest_held(source, alignment) is not None
-    if config.navigation.initial_velocity is not None:
-        return np.array(config.navigation.initial_velocity), False
-    return (np.zeros(3), True) if rests else (None, False)
+def _where_it_rests(gnss: GnssEpochs | None, place: FloatArray, rest: StillSpan) -> FloatArray:
+    """Median of the fixes in a rest, as the first of a receiver are often its worst."""
+    if gnss is None:
+        return place
+    rows = gnss.rows(gnss.has_position & (gnss.time_ns <= rest.end_ns))
+    off = np.column_stack([rows.latitude, rows.longitude, rows.height]) - place
+    off[:, 1] = wrapped(off[:, 1])
+    return place + _middle(off)
 
 
 def _of_imu(place: FloatArray, alignment: Alignment, config: ProcessConfig) -> FloatArray:
