@@ -806,7 +806,7 @@ def test_something_lost(sinstool, tmp_path):
     status, out, err = sinstool("process", path, "-o", tmp_path / "a.out.mcap", "--json")
     assert status == 3
     assert json.loads(out)["lost"]["malformed"] == 1
-    assert "1 messages do not fit" in err
+    assert "1 message does not fit" in err
     path, _ = cut(tmp_path)
     status, out, err = sinstool("process", path, "-o", tmp_path / "b.out.mcap")
     assert status == 1 and err.count("\n") == 1

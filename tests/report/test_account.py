@@ -4,9 +4,9 @@ from types import SimpleNamespace
 
 import pytest
 
+from sinstool.core.english import counted
 from sinstool.pipelines.process.travel import Accuracy, Outages, Spread, Travel
 from sinstool.report.text.account import account, distance, duration, heading_origin, squares
-from sinstool.report.text.numbers import counted
 
 ACCURACY = Accuracy(Spread(0.25, 0.6), Spread(0.43, 1.1), Spread(4.1, 5.4), Spread(5.43, 8.5))
 

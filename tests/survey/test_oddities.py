@@ -108,7 +108,7 @@ def test_duplicates(rows, findings_of):
     assert odd.kind == "duplicate-stamps" and "3 samples" in odd.text and "(0 with" in odd.text
     rows.times[700] = rows.times[699]
     odd = findings_of(rows)["duplicate-stamps"]
-    assert "1 samples" in odd.text and "(1 with other" in odd.text
+    assert "1 sample repeats" in odd.text and "(1 with other" in odd.text
 
 
 def test_backward_stamps(rows, findings_of):
@@ -340,7 +340,7 @@ def test_nan_and_malformed_rows(rows, findings_of):
     kinds = findings_of(messages)
     assert set(kinds) == {"not-finite", "malformed", "missed-samples"}
     assert "2 samples" in kinds["not-finite"].text
-    assert "1 messages" in kinds["malformed"].text
+    assert "1 message does not fit" in kinds["malformed"].text
 
 
 def test_stamps_all_zero(rows, findings_of):

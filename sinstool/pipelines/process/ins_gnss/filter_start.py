@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sinstool.config import ProcessConfig
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.result import compass
 from sinstool.core.rotation import to_euler
@@ -22,9 +23,10 @@ from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import GNSS_POSITION
 from sinstool.methods.receiver_priors import ARM_USUAL_M, LATENCY_S
 from sinstool.methods.sensor_errors import Grade
-from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart
+from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart, StartFixes, find_start
 from sinstool.pipelines.process.summary import FirstAttitude
 from sinstool.survey.grade import ImuGrade
+from sinstool.survey.source import Source
 
 # Status `ok` needs a sigma of heading below this, deg.
 GOOD_HEADING = 5.0
@@ -192,6 +194,19 @@ class FilterStart:
             how=found.how,
             alignment=found.alignment,
         )
+
+    def from_attitude(
+        self, source: Source, config: ProcessConfig, alignment: Alignment
+    ) -> FilterStart:
+        """The same filter from a known attitude.
+
+        Raises
+        ------
+        AlignmentError
+            There are no fixes near it.
+        """
+        fixes = StartFixes.of(self.used, self.settings.gnss)
+        return self.at(find_start(source, config, self.settings, fixes, alignment))
 
     @property
     def by_the_fixes(self) -> FilterStart:

@@ -12,7 +12,6 @@ from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
 from sinstool.core.options import span
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
-from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import message_times, split_position_velocity
 from sinstool.methods.ins_gnss.returning_fixes import leaps, unsettled
@@ -195,21 +194,7 @@ def regraded(
     settings = filter_settings(source, config, grade, first.settings.gnss, first.reference)
     settings = replace(settings, gnss_latency=first.settings.gnss_latency)
     other = replace(first, settings=settings, grade=grade)
-    return from_attitude(source, config, other, first.alignment)
-
-
-def from_attitude(
-    source: Source, config: ProcessConfig, start: FilterStart, alignment: Alignment
-) -> FilterStart:
-    """The same filter from a known attitude.
-
-    Raises
-    ------
-    AlignmentError
-        There are no fixes near it.
-    """
-    fixes = StartFixes.of(start.used, start.settings.gnss)
-    return start.at(find_start(source, config, start.settings, fixes, alignment))
+    return other.from_attitude(source, config, first.alignment)
 
 
 def as_graded(

@@ -29,7 +29,6 @@ from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.first_start import from_attitude
 from sinstool.pipelines.process.ins_gnss.iterated_start import (
     SmoothedStart,
     iterated,
@@ -141,7 +140,7 @@ def _begun(
 ) -> FilterStart | None:
     """The same filter from another attitude; None without fixes near it."""
     try:
-        begun = from_attitude(source, to_align_as(config, start.grade), start, alignment)
+        begun = start.from_attitude(source, to_align_as(config, start.grade), alignment)
     except AlignmentError:
         return None
     return replace(begun, start=iterated(begun, _following(source, config, algorithm, begun)))
