@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 # Fixes within this time of the start show the state there: velocities, or positions alone, which
 # need longer. Errors of tilt make a longer time no better.
 NEAR_NS, NEAR_PLACES_NS = 2 * SECOND, 5 * SECOND
+# The first of them may be so much later: a receiver that is switched on needs time for its first.
+FAR_NS = 60 * SECOND
 # Samples read at a time for that.
 ROWS = 1024
 
@@ -160,7 +162,12 @@ def _by_fixes(
     if not fixes.has_velocity.any():
         fixes, near_ns = _with_velocities(fixes, config).gnss, NEAR_PLACES_NS
     after_ns = fixes.time_ns - late - alignment.time_ns
-    near = np.flatnonzero(np.abs(after_ns) <= near_ns)
+    if alignment.north_referenced:
+        follows = after_ns[after_ns >= 0]
+        reach_ns = near_ns + int(follows[0] if len(follows) and follows[0] < FAR_NS else 0)
+    else:
+        reach_ns = near_ns
+    near = np.flatnonzero((after_ns >= -near_ns) & (after_ns <= reach_ns))
     nearest = near[np.argsort(np.abs(after_ns[near]), kind="stable")]
     placed, moving = nearest[fixes.has_position[nearest]], nearest[fixes.has_velocity[nearest]]
     if len(placed):
