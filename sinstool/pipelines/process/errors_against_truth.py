@@ -74,7 +74,12 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
             what = "attitude"
             times, rows = read_truth(log_, name, body_axes)
         if what in references:
-            raise TopicError(log_.path, f"--truth {name}: another --truth gives the {what} already")
+            raise TopicError(
+                log_.path,
+                f"--truth {name}: another --truth gives the {what} already",
+                "leave one of them out; positions are compared with a NavSatFix topic, velocities"
+                " with a TwistStamped or TwistWithCovarianceStamped topic",
+            )
         good = np.isfinite(rows).all(axis=1)
         if np.count_nonzero(good) < 2:
             raise TopicError(log_.path, f"--truth {name} holds fewer than two values")
