@@ -146,26 +146,27 @@ def _grades(names: tuple[str, ...], table: _Table) -> dict[str, SensorGrade]:
 # Calibrated sensors, one sigma. Navigation: ring laser gyros (HG9900, LN-100; the aviation grade of
 # Groves, 2013, has 8 ppm and 100 urad). Tactical: between LN-200 (100 ppm and 100 urad of gyros,
 # 300 ppm of accelerometers; its biases wander by 0.35 deg/h and 50 ug within a minute or two),
-# HG1700 (150 ppm, 500 urad) and Groves' tactical grade (350 ppm, 250 urad). MEMS: modules that are
+# HG1700 (150 ppm, 500 urad) and Groves' tactical grade (350 ppm, 250 urad). Industrial: quiet MEMS
+# (ADIS16495, M-G370): 0.1 deg/sqrt(h), 0.01 deg, biases after warming up. MEMS: modules that are
 # calibrated one by one (ADIS16488, VN-100, MTi): 0.1 %, 0.05 deg, 5 deg/h. Consumer: the chips of
 # telephones and hobbyists' boards as they are sold (MPU-6050, BMI160, ICM-20948, LSM6DS3): zero
 # rates of 1 to 20 deg/s and zero levels of 20 to 80 mg at most, 0.5 to 3 % and 1 to 2 % across.
 _SIMULATED: _Table = {
-    "angle_random_walk": (units.DEGREE_PER_ROOT_HOUR, (0.002, 0.05, 0.3, 0.4)),
-    "velocity_random_walk": (units.MICRO_G, (5.0, 50.0, 150.0, 200.0)),  # per root Hz
-    "gyro_bias": (units.DEGREE_PER_HOUR, (0.01, 1.0, 5.0, 3600.0)),
-    "accel_bias": (units.MILLI_G, (0.03, 1.0, 2.0, 30.0)),
-    "gyro_instability": (units.DEGREE_PER_HOUR, (0.002, 0.3, 5.0, 20.0)),
-    "accel_instability": (units.MILLI_G, (0.005, 0.05, 0.05, 0.2)),
-    "bias_time_s": (1.0, (1000.0, 100.0, 300.0, 300.0)),
-    "gyro_scale": (1e-6, (10.0, 200.0, 1000.0, 10000.0)),
-    "accel_scale": (1e-6, (100.0, 300.0, 1000.0, 10000.0)),
-    "gyro_misalignment": (1e-6, (50.0, 200.0, 1000.0, 10000.0)),
-    "accel_misalignment": (1e-6, (50.0, 200.0, 1000.0, 10000.0)),
+    "angle_random_walk": (units.DEGREE_PER_ROOT_HOUR, (0.002, 0.05, 0.1, 0.3, 0.4)),
+    "velocity_random_walk": (units.MICRO_G, (5.0, 50.0, 40.0, 150.0, 200.0)),  # per root Hz
+    "gyro_bias": (units.DEGREE_PER_HOUR, (0.01, 1.0, 20.0, 5.0, 3600.0)),
+    "accel_bias": (units.MILLI_G, (0.03, 1.0, 2.0, 2.0, 30.0)),
+    "gyro_instability": (units.DEGREE_PER_HOUR, (0.002, 0.3, 2.0, 5.0, 20.0)),
+    "accel_instability": (units.MILLI_G, (0.005, 0.05, 0.05, 0.05, 0.2)),
+    "bias_time_s": (1.0, (1000.0, 100.0, 1000.0, 300.0, 300.0)),
+    "gyro_scale": (1e-6, (10.0, 200.0, 500.0, 1000.0, 10000.0)),
+    "accel_scale": (1e-6, (100.0, 300.0, 500.0, 1000.0, 10000.0)),
+    "gyro_misalignment": (1e-6, (50.0, 200.0, 200.0, 1000.0, 10000.0)),
+    "accel_misalignment": (1e-6, (50.0, 200.0, 200.0, 1000.0, 10000.0)),
 }
 SIMULATED_GRADES = {
     "perfect": SensorGrade(),
-    **_grades(("navigation", "tactical", "mems", "consumer"), _SIMULATED),
+    **_grades(("navigation", "tactical", "industrial", "mems", "consumer"), _SIMULATED),
 }
 """What simulated sensors have, by grade."""
 

@@ -66,7 +66,7 @@ class MotionScenario(Scenario):
     body_axes: Literal["flu", "frd"] = option(
         "flu", "axes of the IMU topic; the truth's world is ENU for flu, NED for frd"
     )
-    grade: Literal["perfect", "navigation", "tactical", "mems", "consumer"] = option(
+    grade: Literal["perfect", "navigation", "tactical", "industrial", "mems", "consumer"] = option(
         "perfect", "grade of the sensors, which sets their errors"
     )
     scale_errors: bool = _part(False, SCALE)
