@@ -392,9 +392,9 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if out is not None and out.stuck:
         yield Finding(
             "axis-hangs",
-            f"single axes repeat one value while the others measure on: {_stuck_axes(out.stuck)};"
+            f"axes repeat one value while others measure on: {_stuck_axes(out.stuck)};"
             " all samples meanwhile were left out",
-            numbers={"samples": sum(one.count for one in out.stuck)},
+            numbers={"samples": sum({one.last_ns: one.count for one in out.stuck}.values())},
         )
     held = s.held - _without_noise(s)
     if held > HELD_SHARE * s.count:

@@ -131,6 +131,22 @@ def test_a_single_axis_that_hangs_is_no_measurement(seed, cuts):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("own", [slice(0, 3), slice(3, 6)], ids=["gyros", "accelerometers"])
+def test_a_whole_sensor_that_hangs_beside_another_is_no_measurement(seed, own):
+    rows = motion(seed)
+    rows[3000:3200, own] = rows[3000, own]
+    assert found(rows, (3100,)) == (list(range(3001, 3200)), 0, 0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_coarse_gyros_rest_while_accelerometers_show_noise(seed):
+    rows = motion(seed, rest=(20.0, 40.0))
+    rows[:, :3] = np.round(rows[:, :3] / 0.02) * 0.02
+    rows[4000:, :3] += [0.1, -0.1, 0.06]
+    assert found(rows) == ([], 0, 0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
 def test_an_axis_that_repeats_its_value_by_right_is_measured(seed):
     """At the end of its range; at rest where rounding is coarser than noise; by a slow driver."""
     rows = motion(seed)

@@ -107,6 +107,8 @@ class SensorModel:
     rate_error : float
         Errors in proportion to the rate (scale factor, misalignment, timing): the variance of
         attitude grows by its square times the integral of the squared rate.
+    missed : float
+        The same, beyond that, of gyros that rests show to have missed a turn.
     gyro_scale, gyro_misalignment : float
         The part of them that lasts: a heading that turns on and on is off in proportion.
     bias_walk : float
@@ -135,6 +137,7 @@ class SensorModel:
 
     angle_random_walk: float = 3e-4
     rate_error: float = 3e-3
+    missed: float = 0.0
     gyro_scale: float = IMU_GRADES["mems"].gyro_scale
     gyro_misalignment: float = IMU_GRADES["mems"].gyro_misalignment
     bias_walk: float = 1e-5

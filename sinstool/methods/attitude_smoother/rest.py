@@ -190,6 +190,15 @@ def confirmed(
     return replace(epochs, values=rows)
 
 
+def drop_turns(seen: Epochs, removed: np.ndarray, most: float) -> None:
+    """Mark apparent rests as moving if their rate exceeds any bias, rad/s."""
+    rows = seen.values
+    for begin, end in runs(seen.rest):
+        rate = rows[begin:end, GYRO : GYRO + 3].mean(axis=0) + removed
+        if np.linalg.norm(rate) > most:
+            rows[begin:end, REST] = MOVING
+
+
 def drop_lulls(rows: np.ndarray) -> None:
     """Mark steady epochs as quiet where they last for less than `LULL`."""
     for begin, end in runs(rows[:, REST] == STEADY):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from math import hypot, sqrt
 
 import numpy as np
 
@@ -114,7 +114,7 @@ def parameters(
             motion.c0,
             motion.density,
             sensors.angle_random_walk,
-            sensors.rate_error,
+            hypot(sensors.rate_error, sensors.missed),
             sensors.bias_walk,
             sensors.zero_rate,
             sensors.velocity_walk,

@@ -21,7 +21,6 @@ from sinstool.methods.alignment.initial import Alignment, shown_tilt_error
 from sinstool.methods.alignment.still import StillSpan
 from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import (
-    GYRO,
     MOVING,
     REST,
     SATURATED,
@@ -29,6 +28,7 @@ from sinstool.methods.attitude_smoother.epochs import (
     EpochStage,
     steady_turning,
 )
+from sinstool.methods.attitude_smoother.missed_turn import missed_turns, widened
 from sinstool.methods.attitude_smoother.model import (
     LARGE_BIAS,
     POOR_ACCEL_BIAS,
@@ -38,7 +38,7 @@ from sinstool.methods.attitude_smoother.model import (
     sensor_model,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion, likeliest_stop_rate
-from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, runs, with_rest
+from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, drop_turns, with_rest
 from sinstool.methods.attitude_smoother.smoother import gravity_at_rest, gravity_off, smooth
 from sinstool.methods.attitude_smoother.start import Prior
 from sinstool.methods.attitude_smoother.steady import turning, with_steady
@@ -46,6 +46,7 @@ from sinstool.methods.sensor_errors import LOW_COST
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
+from sinstool.pipelines.process.missed_finding import missed_finding
 from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.grade import gyro_walk, largest_bias, sensor_grade
 from sinstool.survey.oddities import found_gaps
@@ -163,6 +164,7 @@ class Smoothing:
         epochs, motion, sensors, prior = self._understood(epochs)
         return_freed_memory()
         correction = smooth(epochs, motion.model, sensors, prior)
+        north = None
         return_freed_memory()
         if self._magnetic is not None:
             north = self._magnetic.north(epochs, correction.at(epochs.time_ns))
@@ -172,6 +174,7 @@ class Smoothing:
             self.north_referenced = self._magnetic.north_referenced
         if not self._plan.gyro_samples.configured:
             correction = correction.of_samples(epochs)
+        correction = widened(correction, self._missed, compassed=north is not None)
         self._correction = correction
         self._conclude(epochs, motion, correction)
         self._turning = steady_turning(epochs) if sensors.bias > LARGE_BIAS else 0.0
@@ -218,7 +221,7 @@ class Smoothing:
             With those marked that look like rest.
         """
         grade = sensor_grade(self._source, self._config).grade
-        _drop_turns(seen, self._plan.alignment.gyro_bias, largest_bias(self._source, self._config))
+        drop_turns(seen, self._plan.alignment.gyro_bias, largest_bias(self._source, self._config))
         alignment, omega = self._plan.alignment, self._settings.omega_ie_n
         about: dict[str, Any] = {
             "walk_at_rest": gyro_walk(self._source, self._config),
@@ -248,6 +251,11 @@ class Smoothing:
         # What looks like rest, before it is judged: there are too many epochs to keep them twice
         looks = seen.values[:, MARKS].copy()
         epochs, motion = self._judged(seen, looks, sensors, prior)
+        self._missed = missed_turns(epochs, looks[:, MARKS.index(REST)] > MOVING)
+        if self._missed:
+            judged["missed"] = max(one.rate_error for one in self._missed)
+            sensors = replace(sensors, **judged)
+            epochs, motion = self._judged(seen, looks, sensors, prior)
         if seen.values[:, SATURATED].any():
             surely = any(name.startswith("gyro") for name in self._source.survey.saturated)
             judged["stop_rate"] = likeliest_stop_rate(epochs, sensors, stop, surely)
@@ -347,6 +355,7 @@ class Smoothing:
             yield replace(found_gaps(survey, across_ns), topic=survey.topic)
         if self._magnetic is not None:
             yield from self._magnetic.findings()
+        compassed = s.magnetometer is not None and not s.magnetometer.refused
         if self._diverged:
             yield Finding(
                 "diverged",
@@ -355,6 +364,8 @@ class Smoothing:
                 severity=Severity.LOST,
                 answer="see what info says about units, axes and ranges",
             )
+        elif self._missed:
+            yield missed_finding(self._missed, first_ns, compassed)
         elif s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
             at = (self._worst_ns - first_ns) / SECOND
             usual, most = f"{s.tilt_sigma_deg:.2g} deg", f"{s.tilt_sigma_largest_deg:.2g} deg"
@@ -369,7 +380,6 @@ class Smoothing:
                 end_ns=self._worst_ns,
                 numbers={"tilt_sigma_deg": s.tilt_sigma_largest_deg},
             )
-        compassed = s.magnetometer is not None and not s.magnetometer.refused
         if not self._rested and not compassed:
             sigma = f"{s.heading_sigma_end_deg:.2g} deg (1 sigma)"
             drift = "any angle" if s.heading_lost else sigma
@@ -461,15 +471,6 @@ class Smoothing:
         )
         level = np.append((epochs.values[:, SATURATED] > 0.0) | epochs.gap, False).astype(int)
         return Diagnostics(time_ns, time_ns, level[every], values)
-
-
-def _drop_turns(seen: Epochs, removed: np.ndarray, most: float) -> None:
-    """Mark apparent rests as moving if their rate exceeds any bias, rad/s."""
-    rows = seen.values
-    for begin, end in runs(seen.rest):
-        rate = rows[begin:end, GYRO : GYRO + 3].mean(axis=0) + removed
-        if np.linalg.norm(rate) > most:
-            rows[begin:end, REST] = MOVING
 
 
 def _first_tilt(alignment: Alignment, still: StillSpan | None) -> float | None:

@@ -338,8 +338,9 @@ def unexplained_velocities(start: FilterStart) -> list[Finding]:
 def impossible_gyros(start: FilterStart) -> list[Finding]:
     """A drift without fixes that no gyro explains, whatever its grade.
 
-    Gyros whose axes or signs are wrong, or of another time, are estimated as noisy ones. The filter
-    then follows the fixes, and all innovations are as large as its sigmas say; its attitude is not.
+    Gyros whose axes or signs are wrong, or of another time, are estimated as noisy ones, and so are
+    those of which an autopilot logs ten samples a second, taken at instants. The filter then
+    follows the fixes, and all innovations are as large as its sigmas say; its attitude is not.
     """
     if start.noisier_gyros <= MOST_NOISIER:
         return []
@@ -348,11 +349,11 @@ def impossible_gyros(start: FilterStart) -> list[Finding]:
             "gyros-do-not-fit",
             "without fixes, the navigation drifts as if the gyros were"
             f" {start.noisier_gyros:.1f} times as noisy as those of bare chips, which none are:"
-            " gyros, accelerometers and fixes do not belong together; do not trust the attitude and"
-            " its sigmas",
+            " gyros, accelerometers and fixes do not belong together, or samples of single instants"
+            " are too rare for the motion; do not trust the attitude and its sigmas",
             Severity.LOST,
             "check axes, signs and units of the IMU, the clocks (--gnss-clock-offset), and whether"
-            " the fixes are good",
+            " the fixes are good; log more than 50 samples a second",
             numbers={"gyro_noise": start.noisier_gyros},
         )
     ]

@@ -126,12 +126,16 @@ def _expected(start: FilterStart, costs: FloatArray) -> tuple[float, float]:
     The root of the mean square under the posterior. A priori all these sizes are equally likely, up
     to the whole error that the receiver states. 1 unless larger ones are likelier than by chance.
     """
-    if costs[0] < costs.min() + BY_CHANCE:
-        return 1.0, 1.0
     model = start.settings.gnss
     slow, white = np.array(model.position_markov), np.array(model.position_white)
     times = STEP ** np.arange(float(len(costs)))[:, None]
-    weight = np.exp(0.5 * (costs.min() - costs))[:, None] * (times * slow <= np.hypot(slow, white))
+    possible = times * slow <= np.hypot(slow, white)
+    possible[0] = True
+    # Where the filter diverges with all of these, a far larger size may be likelier by hundreds
+    each = np.where(possible, costs[:, None], np.inf)
+    if costs[0] < each.min() + BY_CHANCE:
+        return 1.0, 1.0
+    weight = np.exp(0.5 * (each.min(axis=0) - each))
     north, _, down = np.sqrt((weight * times**2).sum(axis=0) / weight.sum(axis=0)).tolist()
     return north, down
 

@@ -1,11 +1,13 @@
 """Slow errors of fixes that an IMU shows, and those that it cannot."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from benchmarks.trusted_navigation import process
+from sinstool.pipelines.process.ins_gnss.slow_errors import _expected
 from tests.helpers.filter_logs import start_of
 from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
 from tests.helpers.unseen_errors import shaken, smoothed_by_receiver, wandering
@@ -138,3 +140,13 @@ def test_the_velocity_of_fixes_that_a_receiver_smooths_is_not_believed(tmp_path,
     late = answer.seconds > 60.0
     ratio = answer.error[late, 3:5] / answer.sigma[late, 3:5]
     assert np.sqrt(np.mean(np.square(ratio))) < 1.4
+
+
+def test_errors_beyond_all_that_the_receiver_states_are_not_expected():
+    """Where the filter diverges with smaller ones they are likelier by hundreds: nan came out."""
+    gnss = SimpleNamespace(position_markov=(0.1, 0.1, 0.1), position_white=(1.0, 1.0, 1.0))
+    start = SimpleNamespace(settings=SimpleNamespace(gnss=gnss))
+    costs = np.array([3655.0, 3655.0, 3655.0, 3654.5, 3654.0, 3656.0, 1752.0, 1887.0])
+    assert _expected(start, costs) == (1.0, 1.0)
+    costs[3] -= 20.0
+    assert _expected(start, costs) == pytest.approx((8.0, 8.0), rel=0.01)
