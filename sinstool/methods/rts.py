@@ -15,7 +15,7 @@ ROWS, COLUMNS = 4, 16
 """Of what numbers of rows and columns are multiples: the processor takes as many at a time."""
 
 
-@part()
+@part(fastmath={"contract"})
 def smoother_gain(
     p_minus: FloatArray, columns: int, gain: FloatArray, up: FloatArray, scale: FloatArray
 ) -> None:
@@ -73,7 +73,7 @@ def smoother_gain(
             gain[i, j] *= scale[i]
 
 
-@part()
+@part(fastmath={"contract"})
 def _solve_rows(up: FloatArray, i: int, start: int, end: int, out: FloatArray) -> None:
     """Divide four rows, of columns from `start` to `end`, by their block of ``U^T``."""
     d0, d1, d2, d3 = up[i, i], up[i + 1, i + 1], up[i + 2, i + 2], up[i + 3, i + 3]
@@ -87,7 +87,7 @@ def _solve_rows(up: FloatArray, i: int, start: int, end: int, out: FloatArray) -
         out[i, j], out[i + 1, j], out[i + 2, j] = e, f, g
 
 
-@part()
+@part(fastmath={"contract"})
 def _solve_rows_back(up: FloatArray, i: int, columns: int, out: FloatArray) -> None:
     """Divide four rows by their block of ``U``."""
     d0, d1, d2, d3 = up[i, i], up[i + 1, i + 1], up[i + 2, i + 2], up[i + 3, i + 3]
@@ -101,7 +101,7 @@ def _solve_rows_back(up: FloatArray, i: int, columns: int, out: FloatArray) -> N
         out[i + 1, j], out[i + 2, j], out[i + 3, j] = f, g, h
 
 
-@part()
+@part(fastmath={"contract"})
 def smoothed_change(
     p_minus: FloatArray,
     after: FloatArray,

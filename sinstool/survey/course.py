@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -106,9 +107,11 @@ class Turns:
 
     def at(self, time_ns: IntArray) -> FloatArray:
         """Angle at any times, rad."""
-        first_ns = self.ends_ns[0]
-        ends_s = (self.ends_ns - first_ns) / SECOND
-        return np.interp((time_ns - first_ns) / SECOND, ends_s, self.angle)
+        return np.interp((time_ns - self.ends_ns[0]) / SECOND, self._ends_s, self.angle)
+
+    @cached_property
+    def _ends_s(self) -> FloatArray:
+        return (self.ends_ns - self.ends_ns[0]) / SECOND
 
 
 def _compared(turns: Turns, times: IntArray, course: FloatArray) -> CourseEvidence:

@@ -33,8 +33,8 @@ SLOWEST, TIMES_NOISE = 0.1, 5.0
 SAME_S = 20.0
 # Fewest courses of such a time, and of the log.
 LEAST_TOGETHER, LEAST_COURSES = 3, 20
-# Biases of the gyro about the vertical that are tried, rad/s.
-BIASES = 0.01 * np.arange(-3, 4)
+# Biases of the gyro about the vertical that are tried, rad/s: up to three times this, and none.
+BIAS = 0.01
 # The courses follow the gyro if their circular variance about it is below this, and an offset is
 # clear if the variance as stamped is so many times as large, and so are that of all offsets
 # elsewhere and that of the courses alone. Elsewhere is further off than this, s.
@@ -114,27 +114,29 @@ def _variance(turns: Turns | None, times: IntArray, course: FloatArray, offset: 
     float
         0 if they follow it, 1 if they do not; infinite if too few of them lie within its time.
     """
-    seconds, gap = (times - times[0]) / SECOND, np.zeros(len(times), np.int64)
-    if turns is None:
-        follows = np.exp(1j * course)[None, :]
-    else:
+    since_ns, gap = times - times[0], np.zeros(len(times), np.int64)
+    follows = np.exp(1j * course)[None, :]
+    if turns is not None:
         at_ns = times - round(offset * SECOND)
-        inside = turns.spans(at_ns)
-        if 2 * np.count_nonzero(inside) < len(times):
+        inside = np.flatnonzero(turns.spans(at_ns))
+        if 2 * len(inside) < len(times):
             return np.inf
-        at_ns, course, seconds = at_ns[inside], course[inside], seconds[inside]
+        since_ns, at_ns = since_ns[inside], at_ns[inside]
         gap = turns.gaps[np.searchsorted(turns.ends_ns, at_ns)]
-        rest = np.exp(1j * (course - turns.at(at_ns)))
-        follows = rest * np.exp(-1j * np.outer(BIASES, seconds))
-    _, part = np.unique(np.stack([seconds // SAME_S, gap]), axis=1, return_inverse=True)
-    part = part.reshape(-1)
-    count = np.bincount(part)
+        one = np.exp(1j * BIAS / SECOND * since_ns)
+        two = one * one
+        turned = np.stack([np.ones(len(one)), one, two, two * one])
+        rest = np.exp(1j * (course[inside] - turns.at(at_ns)))
+        follows = rest * np.concatenate([turned, turned[1:].conj()])
+    part = since_ns // round(SAME_S * SECOND)
+    first = np.flatnonzero(np.diff(part, prepend=-1) | np.diff(gap, prepend=-1))
+    count = np.diff(first, append=len(part))
     enough = count >= LEAST_TOGETHER
     if count[enough].sum() < LEAST_COURSES:
         return np.inf
     # The mean of n unit vectors of any directions is about 1/n of all of them long at least
-    length = [np.hypot(np.bincount(part, row.real), np.bincount(part, row.imag)) for row in follows]
-    together = max(float((row[enough] - 1.0).sum()) for row in length)
+    length = np.abs(np.add.reduceat(follows, first, axis=1))[:, enough]
+    together = float((length - 1.0).sum(axis=1).max())
     return 1.0 - together / float((count[enough] - 1).sum())
 
 
