@@ -45,9 +45,8 @@ from sinstool.survey.source import Source
 
 # Rests of less than this in total, s, are ignored.
 LEAST_REST_S = 1.0
-# A first pass uses one position and one velocity in each such time, ns: outages of a recorded drive
-# with 4 fixes a second come out as well as with all of them (benchmarks/land_vehicles.py), in less
-# time.
+# A first pass uses one position and one velocity in each such time, ns. More of them would hardly
+# change what it shows, but took most of its time.
 FIXES_NS = SECOND
 # A rest at the start of a filter shows within so many steps.
 FIRST_STEPS = 30
