@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.arrays import IntArray
 from sinstool.core.choices import log_choice
 from sinstool.core.finding import Finding
 from sinstool.core.rotation import from_dcm, from_euler, to_dcm, to_euler
-from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.topics import NONE
@@ -45,9 +43,6 @@ from sinstool.survey.source import Source
 
 # Rests of less than this in total, s, are ignored.
 LEAST_REST_S = 1.0
-# A first pass uses one position and one velocity in each such time, ns. More of them would hardly
-# change what it shows, but took most of its time.
-FIXES_NS = SECOND
 # A rest at the start of a filter shows within so many steps.
 FIRST_STEPS = 30
 # Limits beyond which a finding tells the user: share of the constraints that did not hold; sigma of
@@ -403,13 +398,6 @@ def _means(
     return stage.finish(), joined
 
 
-def _apart(gnss: GnssEpochs) -> IntArray:
-    """Rows of the first position and the first velocity of each `FIXES_NS`."""
-    rows = (np.flatnonzero(has) for has in (gnss.has_position, gnss.has_velocity))
-    first = [at[np.unique(gnss.time_ns[at] // FIXES_NS, return_index=True)[1]] for at in rows]
-    return np.unique(np.concatenate(first))
-
-
 def _unconstrained(
     joined: list[Increments], start: FilterStart, shaken: Constraints | None
 ) -> Track | None:
@@ -423,8 +411,6 @@ def _unconstrained(
         constraints=shaken,
     )
     columns = measurements(start)
-    apart = _apart(start.gnss)
-    columns |= {"gnss": start.gnss.rows(apart), "withheld": start.withheld[apart]}
     with Smoother(run.kind, outputs=False) as smoother:
         for increments in joined:
             smoother.push(run.push(increments, **columns))
