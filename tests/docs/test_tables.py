@@ -6,9 +6,14 @@ import ast
 import re
 from typing import get_args
 
+import pytest
+
 from sinstool.config.logs import EMITS
+from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR, MICRO_G, MILLI_G
 from sinstool.io.writers.solution_topics import DIAGNOSTICS_TYPE, TOPICS, topic_of
 from sinstool.methods.ins_gnss.states import FilterName
+from sinstool.methods.sensor_errors import SIMULATED_GRADES
+from sinstool.simulation.scenarios import MotionScenario
 from tests.docs.examples import ROOT
 
 PROGRAM = re.compile(r"^\| `(\w+\.py)\b", re.MULTILINE)
@@ -21,6 +26,34 @@ def test_every_topic_that_can_be_written_is_in_the_table():
     types["diagnostics"] = DIAGNOSTICS_TYPE
     expected = {name: (topic_of(name), types[name].replace("/msg/", "/")) for name in EMITS}
     assert {name: (topic, kind) for name, topic, kind in rows} == expected
+
+
+def test_simulated_grades_have_the_errors_of_the_table():
+    text = (ROOT / "docs" / "commands" / "simulate.md").read_text()
+    head, *rows = (
+        [cell.strip(" `") for cell in line.split("|")[1:-1]]
+        for line in re.findall(r"^\|.*\|$", text[text.index("| `--grade` |") :], re.MULTILINE)[:13]
+        if "---" not in line
+    )
+    names = {
+        "angular random walk": ("angle_random_walk", DEGREE_PER_ROOT_HOUR),
+        "accelerometer noise": ("velocity_random_walk", MICRO_G),
+        "gyro bias": ("gyro_bias", DEGREE_PER_HOUR),
+        "accelerometer bias": ("accel_bias", MILLI_G),
+        "gyro bias that wanders": ("gyro_instability", DEGREE_PER_HOUR),
+        "accelerometer bias that wanders": ("accel_instability", MILLI_G),
+        "correlation time of both": ("bias_time_s", 1.0),
+        "gyro scale factor": ("gyro_scale", 1e-6),
+        "accelerometer scale factor": ("accel_scale", 1e-6),
+        "misalignment of each axis of the gyros": ("gyro_misalignment", 1e-6),
+        "misalignment of each axis of the accelerometers": ("accel_misalignment", 1e-6),
+    }
+    assert {*head[1:]} == {*get_args(MotionScenario.model_fields["grade"].annotation)} - {"perfect"}
+    assert {row[0].rpartition(",")[0] for row in rows} == {*names}
+    for title, *values in rows:
+        name, unit = names[title.rpartition(",")[0]]
+        for grade, value in zip(head[1:], values, strict=True):
+            assert getattr(SIMULATED_GRADES[grade], name) == pytest.approx(float(value) * unit)
 
 
 def test_every_benchmark_is_in_the_table():
