@@ -33,6 +33,9 @@ LEAST_SIGMA = 0.02
 # distance, and by more than a turn or braking explains, m/s^2.
 OUTLYING, MOST_TURN, OUTLIER_ROUNDS = 15.0, 20.0, 5
 LEAST_FIXES = 40
+# Beside an inertial navigation only its errors count: m/s^2 of a wrong attitude, and the change of
+# speed by a turn while fixes are this much older than assumed, s; not across longer gaps, s.
+LEANT, LATE_S, LONGEST_GAP_S = 5.0, 0.25, 5.0
 # A sigma of so many times the usual one belongs to a fix with an error that lasts.
 WORSE = 3.0
 # A lag of this many sigmas is not observable unless it lowers the sum of squares by this, in units
@@ -113,20 +116,60 @@ def outlying(gnss: GnssEpochs) -> BoolArray:
     that turns or brakes are off the line too, but no further than it can accelerate. Of several in
     a row the farthest is the outlier, and the others are its neighbours.
     """
-    bad = np.zeros(len(gnss), dtype=np.bool_)
     rows = np.flatnonzero(gnss.has_position)
-    stated = stated_sigma(gnss.rows(rows))
+    seconds, place = track_of(gnss.rows(rows))
+    bad = np.zeros(len(gnss), dtype=np.bool_)
+    bad[rows] = _off_their_neighbours(seconds, place, stated_sigma(gnss.rows(rows)), MOST_TURN, 0.0)
+    return bad
+
+
+def outlying_innovations(time_ns: IntArray, innovation: FloatArray, stated_m: float) -> BoolArray:
+    """Fixes whose innovations are far off those of their neighbours, shape (n,).
+
+    Between fixes an inertial navigation tells a turn from a bad fix, so that less shows than by the
+    positions alone. Its own errors hardly change from one fix to the next.
+
+    Parameters
+    ----------
+    time_ns : ndarray of int64, shape (n,)
+    innovation : ndarray, shape (n, 3)
+        Of positions, NED, m, by a filter that hardly follows them; NaN where there is none.
+    stated_m : float
+        Usual stated sigma of a horizontal axis, m.
+    """
+    rows = np.flatnonzero(np.isfinite(innovation).all(axis=1))
+    seconds = (time_ns[rows] - time_ns[0]) * 1e-9 if len(rows) else np.empty(0)
+    bad = np.zeros(len(time_ns), dtype=np.bool_)
+    far = _off_their_neighbours(seconds, innovation[rows], stated_m, LEANT, LATE_S * MOST_TURN)
+    steps = np.diff(seconds, prepend=-np.inf, append=np.inf)
+    bad[rows] = far & (np.maximum(steps[:-1], steps[1:]) < LONGEST_GAP_S)
+    return bad
+
+
+def _off_their_neighbours(
+    seconds: FloatArray, place: FloatArray, stated_m: float, turn: float, late: float
+) -> BoolArray:
+    """Places, (n, 3), m, off the line between those before and after by more than is possible.
+
+    Parameters
+    ----------
+    turn, late : float
+        Accelerations, m/s^2, and changes of speed, m/s, that move a place off that line.
+    """
+    bad = np.zeros(len(seconds), dtype=np.bool_)
     # Outliers one after the other leave one at a time
     for _ in range(OUTLIER_ROUNDS):
-        at = rows[~bad[rows]]
+        at = np.flatnonzero(~bad)
         if len(at) < LEAST_FIXES:
             break
-        seconds, place = track_of(gnss.rows(at))
-        before, after = np.diff(seconds)[:-1], np.diff(seconds)[1:]
+        steps = np.diff(seconds[at])
+        before, after = steps[:-1], steps[1:]
+        here = place[at]
         part = (before / (before + after))[:, None]
-        off = np.linalg.norm(place[1:-1] - (1.0 - part) * place[:-2] - part * place[2:], axis=1)
+        off = np.linalg.norm(here[1:-1] - (1.0 - part) * here[:-2] - part * here[2:], axis=1)
         around = np.concatenate([[0.0], off, [0.0]])
-        limit = OUTLYING * max(float(median(off)), stated) + 0.5 * MOST_TURN * before * after
+        usual = OUTLYING * max(float(median(off)), stated_m)
+        limit = usual + 0.5 * turn * before * after + late * np.minimum(before, after)
         peak = (off >= around[:-2]) & (off >= around[2:]) & (off > limit)
         if not peak.any():
             break

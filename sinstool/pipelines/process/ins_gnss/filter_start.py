@@ -18,6 +18,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate
+from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import GNSS_POSITION
@@ -46,6 +47,8 @@ class WhiteNoise:
         Of the run of the filter that showed it.
     usual : ndarray of bool, shape (n,)
         Fixes that took part in it.
+    outlying : ndarray of bool, shape (n,)
+        Those far off their neighbours by the IMU.
     """
 
     position: tuple[float, float]
@@ -53,6 +56,7 @@ class WhiteNoise:
     start: Start
     settings: Settings
     usual: BoolArray
+    outlying: BoolArray
 
     def is_of(self, start: Start, settings: Settings, usual: BoolArray) -> bool:
         """Whether a run from this start would show the same."""
@@ -180,6 +184,14 @@ class FilterStart:
         """Epochs that are not withheld."""
         return self.gnss.rows(~self.withheld)
 
+    @cached_property
+    def believable(self) -> GnssEpochs:
+        """Those used, but for positions far off their neighbours: for runs without a gate."""
+        far = outlying(self.used)
+        if self.white is not None and len(self.white.outlying) == len(far):
+            far |= self.white.outlying
+        return self.used.rows(~far)
+
     @property
     def attitude_warnings(self) -> tuple[str, ...]:
         """Warnings about the first attitude."""
@@ -226,10 +238,16 @@ class FilterStart:
 
     def used_until(self, time_ns: int) -> GnssEpochs:
         """Epochs that are used and valid up to a time, for runs that end there."""
+        return self._until(self.used, time_ns)
+
+    def believable_until(self, time_ns: int) -> GnssEpochs:
+        """The same of `believable`."""
+        return self._until(self.believable, time_ns)
+
+    def _until(self, fixes: GnssEpochs, time_ns: int) -> GnssEpochs:
+        """Fixes that are valid up to a time."""
         late = round(self.settings.gnss_latency * SECOND)
-        return self.used.rows(
-            slice(0, int(np.searchsorted(self.used.time_ns, time_ns + late, "right")))
-        )
+        return fixes.rows(slice(0, int(np.searchsorted(fixes.time_ns, time_ns + late, "right"))))
 
     def with_slow_position(self, level: float, vertical: float, why: str) -> FilterStart:
         """The same start with larger slow errors of positions.

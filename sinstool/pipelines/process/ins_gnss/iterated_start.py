@@ -25,7 +25,6 @@ from sinstool.core.streams import take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
@@ -115,8 +114,7 @@ def smoothed_over(begun: FilterStart, motion: Increments) -> SmoothedStart | Non
     # A gate would leave out fixes that a wrong attitude contradicts
     control = replace(begun.settings.control, gate_probability=1.0, adaptive="off")
     settings = replace(begun.settings, network=None, control=control)
-    fixes = begun.used_until(int(motion.time_ns[-1]))
-    fixes = fixes.rows(~outlying(fixes))
+    fixes = begun.believable_until(int(motion.time_ns[-1]))
     apart = np.unique(fixes.time_ns // APART_NS, return_index=True)[1]
     run = InsGnssFilter(begun.start, settings, with_baro=False, output=False, store=True)
     block = run.push(motion, fixes.rows(apart))

@@ -29,7 +29,6 @@ from sinstool.core.streams import take_rows
 from sinstool.core.units import DEGREE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.sensor_errors import LOW_COST
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
@@ -161,8 +160,8 @@ def _cost(motion: Increments, start: FilterStart) -> float:
     # Without a gate, which would reject the fixes that contradict an attitude
     control = replace(start.settings.control, gate_probability=1.0, adaptive="off")
     settings = replace(start.settings, network=None, control=control)
-    fixes = start.used_until(int(motion.time_ns[-1]))
+    fixes = start.believable_until(int(motion.time_ns[-1]))
     run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
-    epochs = run.push(motion, fixes.rows(~outlying(fixes))).gnss
+    epochs = run.push(motion, fixes).gnss
     epochs = take_rows(epochs, np.isfinite(epochs.nis))
     return float(np.sum(unlikely(epochs))) if len(epochs) >= LEAST_EPOCHS else np.inf

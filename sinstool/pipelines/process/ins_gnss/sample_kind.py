@@ -20,7 +20,6 @@ from sinstool.core.streams import take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.fix_velocity import outlying
 from sinstool.pipelines.plan import Plan, as_planned
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
@@ -103,9 +102,9 @@ def _cost(
     motion, start = motion_from(source, config, algorithm, start.time_ns), start.by_the_fixes
     if motion is None:
         return np.nan
-    fixes = start.used_until(int(motion.time_ns[-1]))
+    fixes = start.believable_until(int(motion.time_ns[-1]))
     settings = replace(start.settings, network=None)
     run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
-    epochs = run.push(motion, fixes.rows(~outlying(fixes))).gnss
+    epochs = run.push(motion, fixes).gnss
     epochs = take_rows(epochs, np.isfinite(epochs.nis))
     return float(np.sum(unlikely(epochs))) if len(epochs) >= LEAST_EPOCHS else np.nan

@@ -24,7 +24,12 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.fix_velocity import outlying, velocity_lag, worse_than_usual
+from sinstool.methods.ins_gnss.fix_velocity import (
+    outlying_innovations,
+    stated_sigma,
+    velocity_lag,
+    worse_than_usual,
+)
 from sinstool.methods.ins_gnss.receiver_offsets import (
     ReceiverOffsets,
     estimate_offsets,
@@ -121,7 +126,7 @@ def with_offsets(
         settings, fixes = start.settings, start.used
         if not gated:
             settings = replace(settings, control=replace(settings.control, gate_probability=1.0))
-            fixes = fixes.rows(~outlying(fixes))
+            fixes = start.believable
         assumed_b, given = stated_b or np.zeros(3), stated_b is not None
         shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b, given)
         if shown is not None:
@@ -264,7 +269,7 @@ def _with_same_start(
     Likelihoods from different starts, with different noise and errors, cannot be compared.
     """
     motion = motion_from(source, config, algorithm, first.time_ns)
-    fixes = first.used.rows(~outlying(first.used))
+    fixes = first.believable
     control, stated_b = replace(first.settings.control, gate_probability=1.0), config.gnss.lever_arm
 
     def about(latency: float, arm_b: FloatArray | None) -> ReceiverOffsets | None:
@@ -338,7 +343,12 @@ def white_noise(
     epochs = run.push(motion, _unsized(gnss)).gnss
     position = _scatter(epochs.time_ns, epochs.innovation[:, :3])
     velocity = _scatter(epochs.time_ns, epochs.innovation[:, 3:])
-    return WhiteNoise(position, velocity, start.start, settings, usual)
+    shown = outlying_innovations(epochs.time_ns, epochs.innovation[:, :3], stated_sigma(gnss))
+    far = np.zeros(len(usual), dtype=np.bool_)
+    valid_ns = gnss.time_ns - round(settings.gnss_latency * SECOND)
+    first = int(np.searchsorted(valid_ns, epochs.time_ns[0])) if len(epochs) else 0
+    far[np.flatnonzero(usual)[first : first + len(epochs)]] = shown
+    return WhiteNoise(position, velocity, start.start, settings, usual, far)
 
 
 def _scatter(time_ns: IntArray, innovation: FloatArray) -> tuple[float, float]:

@@ -15,7 +15,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.clock_rate import STEADY, USUAL_RATE, ClockRate
-from sinstool.methods.ins_gnss.fix_velocity import outlying, track_of
+from sinstool.methods.ins_gnss.fix_velocity import track_of
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets, settle
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -107,7 +107,6 @@ def latency_of_whole_log(
     span_ns = min(end_ns - begin_ns, LONGEST_NS)
     stated_b = config.gnss.lever_arm
     assumed_b, control = stated_b or np.zeros(3), start.settings.control
-    far = outlying(start.used)
 
     @cache  # both searches below begin with the same estimate
     def about(
@@ -116,7 +115,7 @@ def latency_of_whole_log(
         parts = [p for p in joined if p.time_ns[0] < begin_ns + share * span_ns]
         gate = control if gated else replace(control, gate_probability=1.0)
         settings = replace(start.settings, gnss_latency=latency, control=gate)
-        fixes = clock.corrected(start.used if gated else start.used.rows(~far))
+        fixes = clock.corrected(start.used if gated else start.believable)
         return estimate_offsets(
             start.start, settings, parts, fixes, assumed_b, stated_b is not None
         )
