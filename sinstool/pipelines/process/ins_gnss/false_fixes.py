@@ -1,7 +1,8 @@
 """Stretches of fixes that are off by far more than their receiver states: found and reported.
 
 They are not left out, as their error may change after the jump that shows it: they get the size of
-the jump as sigma, as if the receiver had stated it.
+the jump as sigma, as if the receiver had stated it. Only false fixes right after an outage are left
+out.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from sinstool.methods.ins_gnss.fix_velocity import message_times, worse_than_usu
 from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.pipelines.process.ins_gnss.filter_settings import receiver_stated
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.first_after_outage import false_firsts, left_out
 from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.receiver import WORSE_S
 from sinstool.pipelines.process.ins_gnss.start import timed
@@ -40,7 +42,7 @@ KIND = "false-fixes"
 def find_false_fixes(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> tuple[Source, FilterStart, list[Finding]]:
-    """A log whose fixes have larger sigmas where they are off by more than the receiver states.
+    """A log without false fixes after outages, and with larger sigmas where other fixes are false.
 
     Parameters
     ----------
@@ -54,30 +56,62 @@ def find_false_fixes(
     findings : list of Finding
         One for each stretch.
     """
+    source, first, findings = _without_false_firsts(source, config, algorithm, first)
     gnss = source.aiding.gnss
     if gnss is None or receiver_stated(config) or not _precise(gnss):
-        return source, first, []
+        return source, first, findings
     if not _stretches(source, config, algorithm, first):
-        return source, first, []
+        return source, first, findings
     # A wrong lever arm or latency may look like jumps
     begun = timed(source, config, algorithm, first).by_the_fixes
     stretches = _stretches(source, config, algorithm, begun)
     if not stretches:
-        return source, first, []
+        return source, first, findings
     sigma = gnss.sigma_position_n.copy()
     for begin_ns, end_ns, stretch in stretches:
         inside = gnss.has_position & (gnss.time_ns >= begin_ns) & (gnss.time_ns <= end_ns)
         # All of them have the same error, which counts once however long it lasts
         lasts = max((end_ns - begin_ns) / SECOND / WORSE_S, 1.0)
         sigma[inside] = np.maximum(sigma[inside], np.sqrt(lasts) * stretch.off_m)
-    honest = replace(source.aiding, gnss=replace(gnss, sigma_position_n=sigma))
-    source = replace(source, aiding=honest)
-    try:
-        first = first_start(source, config)
-    except AlignmentError:
-        return source, first, []
+    source, first, begun_anew = _with_fixes(
+        source, config, first, replace(gnss, sigma_position_n=sigma)
+    )
+    if not begun_anew:
+        return source, first, findings
     log_choice("false fixes", f"{len(stretches)} stretches")
-    return source, first, _findings(stretches, source.survey.first_ns)
+    return source, first, [*findings, *_findings(stretches, source.survey.first_ns)]
+
+
+def _without_false_firsts(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
+) -> tuple[Source, FilterStart, list[Finding]]:
+    """A log without false fixes right after outages, and findings about them."""
+    gnss = source.aiding.gnss
+    false = [] if gnss is None else false_firsts(source, config, algorithm, first)
+    if gnss is None or not false:
+        return source, first, []
+    good = gnss.rows(~left_out(gnss.time_ns, false))
+    source, first, begun_anew = _with_fixes(source, config, first, good)
+    if not begun_anew:
+        return source, first, []
+    log_choice("false fixes", f"after {len(false)} outages")
+    shown = [one.finding(KIND, source.survey.first_ns) for one in false[:MOST_NAMED]]
+    if len(false) > MOST_NAMED:
+        last = (false[-1].first_ns - source.survey.first_ns) / SECOND
+        text = f"after {len(false) - MOST_NAMED} more outages the first fixes are as false"
+        shown.append(Finding(KIND, f"{text}, the last time at {last:.1f} s"))
+    return source, first, shown
+
+
+def _with_fixes(
+    source: Source, config: ProcessConfig, first: FilterStart, gnss: GnssEpochs
+) -> tuple[Source, FilterStart, bool]:
+    """A log with other fixes, and a first start by them; the same if they show none (False)."""
+    changed = replace(source, aiding=replace(source.aiding, gnss=gnss))
+    try:
+        return changed, first_start(changed, config), True
+    except AlignmentError:
+        return source, first, False
 
 
 def _precise(gnss: GnssEpochs) -> bool:

@@ -109,7 +109,7 @@ def smoothed_over(begun: FilterStart, motion: Increments) -> SmoothedStart | Non
     Returns
     -------
     SmoothedStart or None
-        None with too few fixes.
+        None with too few fixes, or from a start so wrong that the filter diverges.
     """
     # A gate would leave out fixes that a wrong attitude contradicts
     control = replace(begun.settings.control, gate_probability=1.0, adaptive="off")
@@ -125,5 +125,7 @@ def smoothed_over(begun: FilterStart, motion: Increments) -> SmoothedStart | Non
         smoother.push(block)
         smoothed = smoother.epochs()
         error, covariance = smoothed.first_error.copy(), smoothed.first_covariance.copy()
+    if not (np.isfinite(error).all() and np.isfinite(covariance).all()):
+        return None
     corrected = corrected_start(begun.start, error, covariance, smoothed.kind)
     return SmoothedStart(corrected, float(np.sum(unlikely(epochs))), len(epochs))

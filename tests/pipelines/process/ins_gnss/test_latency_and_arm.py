@@ -10,7 +10,7 @@ import pytest
 
 from sinstool.core.streams import GnssEpochs, take_rows
 from sinstool.methods.ins_gnss import offset_scores, receiver_offsets
-from sinstool.methods.ins_gnss.fix_velocity import outlying
+from sinstool.methods.ins_gnss.fix_velocity import outlying, outlying_innovations
 from sinstool.methods.ins_gnss.receiver_offsets import (
     ReceiverOffsets,
     estimate_offsets,
@@ -558,6 +558,28 @@ def test_fixes_far_off_their_neighbours_are_seen_before_any_filter(road, rate):
     seen = outlying(epochs_of(spoilt.fixes))
     far = moved_m > 25.0
     assert far.any() and seen[far].all() and not seen[moved_m == 0.0].any()
+
+
+def test_outliers_of_a_slow_receiver_do_not_hide_its_latency(tmp_path):
+    """Once a second a turn moves a fix as far off its neighbours: only the IMU tells them apart."""
+    data = record(drive(4, 300.0, 20.0), CONSUMER, 4, sigma=0.02, latency=0.1)
+    log = write(tmp_path / "log.mcap", with_outliers(data, 4, 0.034, 12.0))
+    start = start_of(log, input=KIND, gnss=given())
+    assert start.latency_status == "found"
+    assert abs(start.offsets.latency_s - 0.1) < 3.0 * start.offsets.sigma_s < 0.1
+
+
+@pytest.mark.parametrize("innovation_m, far", [(2.0, False), (12.0, True)])
+def test_by_the_imu_fixes_are_outliers_that_a_turn_could_explain(innovation_m, far):
+    times = np.arange(100) * 1_000_000_000
+    nu = np.outer(np.linspace(0.0, 30.0, 100), [1.0, -1.0, 0.2])
+    nu[[20, 21, 70], 1] += innovation_m
+    nu[90] = np.nan
+    shown = np.flatnonzero(outlying_innovations(times, nu, 0.02)).tolist()
+    assert (70 in shown) == far and set(shown) <= {20, 21, 70}
+    # What changes in a long gap is no outlier
+    times[70:] += 20_000_000_000
+    assert not outlying_innovations(times, nu, 0.02)[70]
 
 
 @pytest.mark.parametrize("stated_m, far", [(np.nan, True), (0.01, True), (1.0, False)])
