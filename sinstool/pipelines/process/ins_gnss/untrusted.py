@@ -19,6 +19,11 @@ LEAST_FIXES = 20
 # Squared innovations over their expectation, outside of which the sigmas are wrong.
 LEAST_NIS, MOST_NIS = 0.05, 5.0
 TOO_MANY_REJECTED = "fixes-disbelieved"
+# A filter that has diverged between two fixes moves away from those that follow, and the changes of
+# its innovations look like noise of so many times the receiver's variance. Of noise successive
+# innovations are on both sides; so many in a row whose mean is this many times their scatter are
+# not noise.
+FAR_NOISIER, LEAST_RUN, ONE_SIDED = 100.0, 5, 3.0
 
 
 def untrusted(
@@ -101,10 +106,11 @@ def doubts(
     """
     out = []
     for begin, end, gap in _stretches(gnss, events):
-        inside = (gnss.time_ns >= begin) & (gnss.time_ns <= end) & (gnss.gated | gnss.restarted)
+        far = gnss.gated | gnss.restarted | (gnss.noise_ratio[:, :2] > FAR_NOISIER).any(axis=1)
+        inside = (gnss.time_ns >= begin) & (gnss.time_ns <= end) & far
         if not gap and inside.any():
-            far = np.nan_to_num(np.abs(gnss.innovation[inside])).max(axis=0)
-            out.append((begin, end, far))
+            most = np.nan_to_num(np.abs(gnss.innovation[inside])).max(axis=0)
+            out.append((begin, end, most))
     return out
 
 
@@ -136,10 +142,38 @@ def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tup
             end = event.time_ns
         else:
             continue
-        if spans and begin - spans[-1][1] < TOGETHER_NS:
-            spans[-1] = (spans[-1][0], max(end, spans[-1][1]), spans[-1][2] and gap)
+        spans.append((begin, end, gap))
+    spans += [(begin, end, False) for begin, end in _to_one_side(gnss)]
+    return _merged(sorted(spans))
+
+
+def _merged(spans: Sequence[tuple[int, int, bool]]) -> list[tuple[int, int, bool]]:
+    """The same, without overlaps, those near to each other as one."""
+    merged: list[tuple[int, int, bool]] = []
+    for begin, end, gap in spans:
+        if merged and begin - merged[-1][1] < TOGETHER_NS:
+            before = merged[-1]
+            merged[-1] = (before[0], max(end, before[1]), before[2] and gap)
         else:
-            spans.append((begin, end, gap))
+            merged.append((begin, end, gap))
+    return merged
+
+
+def _to_one_side(gnss: GnssDiagnostics) -> list[tuple[int, int]]:
+    """Begin and end of stretches in which used fixes have far larger noise, all to one side."""
+    rows = np.flatnonzero(np.isfinite(gnss.innovation[:, :2]).all(axis=1) & ~gnss.withheld)
+    noisy = gnss.used[rows] & (gnss.noise_ratio[rows, :2] > FAR_NOISIER).any(axis=1)
+    doubted = noisy | gnss.gated[rows]
+    edges = np.flatnonzero(np.diff(doubted, prepend=False, append=False))
+    spans = []
+    for first, last in zip(edges[::2], edges[1::2] - 1, strict=True):
+        run = rows[first : last + 1][noisy[first : last + 1]]
+        if len(run) < LEAST_RUN:
+            continue
+        nu = gnss.innovation[run, :2]
+        scatter = np.sqrt(0.5 * np.mean(np.square(np.diff(nu, axis=0)), axis=0))
+        if np.any(np.abs(nu.mean(axis=0)) > ONE_SIDED * scatter):
+            spans.append((int(gnss.time_ns[rows[first]]), int(gnss.time_ns[rows[last]])))
     return spans
 
 
@@ -164,7 +198,7 @@ def _stretch(
     why = (
         "the IMU has a gap, after which the filter restarted"
         if gap
-        else "fixes were rejected until the filter restarted"
+        else "fixes were far off, until the filter restarted or agreed with them again"
     )
     seconds = [(time - first_ns) / SECOND for time in (begin, end)]
     return Finding(

@@ -23,7 +23,7 @@ def epochs(gated=(), number=200):
     nothing = np.full((number, 6), np.nan)
     return GnssDiagnostics(
         time_ns=np.arange(number) * SECOND,
-        innovation=nothing,
+        innovation=nothing.copy(),
         innovation_sigma=nothing,
         measurement_sigma=nothing,
         noise_ratio=nothing,
@@ -77,6 +77,23 @@ def test_many_stretches_are_named_in_part():
     findings = untrusted(epochs(number=10_000), events, 1.0, 0)
     assert len(findings) == MOST_NAMED + 1
     assert findings[-1].text.startswith("4 more such stretches")
+
+
+@pytest.mark.parametrize("to_one_side", [True, False])
+def test_fixes_that_a_diverged_filter_takes_for_noise(to_one_side):
+    """Its way from them grew with each, as their noise did that it measured: 180 m, status 0."""
+    gnss = epochs(gated=range(80, 84))
+    rows = np.arange(80, 96)
+    way = np.outer(12.0 * (rows - 79), [0.3, -1.0, 0.0])
+    nu = way if to_one_side else np.random.default_rng(3).normal(0.0, 60.0, (len(rows), 3))
+    gnss.innovation[:, :3], gnss.noise_ratio[:, :3] = 0.01, 1.0
+    gnss.innovation[rows, :3], gnss.noise_ratio[rows[4:], :3] = nu, 1e6
+    findings = untrusted(gnss, [], 1.0, 0)
+    assert exit_status(findings) == (3 if to_one_side else 0)
+    if to_one_side:
+        assert (findings[0].start_ns, findings[0].end_ns) == (80 * SECOND, 95 * SECOND)
+        [(begin, end, far)] = doubts(gnss, [])
+        assert far[1] == pytest.approx(192.0)
 
 
 def test_smoothed_sigmas_admit_a_doubted_stretch():
