@@ -80,7 +80,8 @@ def notes(
         note(
             "white-fixes",
             "plain-15 treats errors of fixes as white noise and follows those that vary slowly,"
-            " which another filter estimates: they are in the sigmas of its positions only",
+            " which another filter estimates: the sigmas of its positions allow for them, those of"
+            " its velocities and attitude do not",
         )
     return findings
 
