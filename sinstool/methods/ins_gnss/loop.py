@@ -342,11 +342,18 @@ def run(
             line[layout.O_CORRECTION] = m.channel[S_CORRECTION]
             at = layout.O_COVARIANCE
             doubt = m.doubt
+            # The covariance is that of the latest substep or measurement. Right after a fix
+            # positions are far better known than velocities, which carry them on from there
+            since = now - m.from_time
             for block in range(3):
                 b = 3 * block
                 for i in range(3):
                     for j in range(3):
-                        line[at + 3 * i + j] = doubt * m.p[b + i, b + j]
+                        value = m.p[b + i, b + j]
+                        if block == 0:
+                            both = m.p[i, VELOCITY + j] + m.p[VELOCITY + i, j]
+                            value += since * (both + since * m.p[VELOCITY + i, VELOCITY + j])
+                        line[at + 3 * i + j] = doubt * value
                     if block < 2 and m.streak[0] > 1.0:
                         # Consecutive fixes differ by that much, and either they or the navigation
                         # may be wrong

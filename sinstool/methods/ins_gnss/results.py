@@ -45,7 +45,8 @@ class UpdateColumns:
         A of the damping network, m/s^2; 0 without one.
     covariance_position_n, covariance_velocity_n, covariance_attitude_n : ndarray, (n, 3, 3)
         Of the errors of the above, NED; m^2, (m/s)^2, rad^2. They are those of the latest
-        multiple of the filter's substep or measurement, at most a substep (0.25 s) ago.
+        multiple of the filter's substep or measurement, at most a substep (0.25 s) ago; those of
+        positions are carried on by the velocities.
     """
 
     time_ns: IntArray

@@ -1,8 +1,8 @@
 """Stretches of fixes that are off by far more than their receiver states: found and reported.
 
 They are not left out, as their error may change after the jump that shows it: they get the size of
-the jump as sigma, as if the receiver had stated it. Only false fixes right after an outage are left
-out.
+the jump as sigma, as if the receiver had stated it. Only the first fixes of a log or
+after an outage are left out.
 """
 
 from __future__ import annotations
@@ -26,7 +26,11 @@ from sinstool.methods.ins_gnss.fix_velocity import message_times, worse_than_usu
 from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.pipelines.process.ins_gnss.filter_settings import receiver_stated
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.first_after_outage import false_firsts, left_out
+from sinstool.pipelines.process.ins_gnss.first_fixes import (
+    false_firsts,
+    left_out,
+    without_false_start,
+)
 from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.receiver import WORSE_S
 from sinstool.pipelines.process.ins_gnss.start import timed
@@ -85,17 +89,22 @@ def find_false_fixes(
 def _without_false_firsts(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> tuple[Source, FilterStart, list[Finding]]:
-    """A log without false fixes right after outages, and findings about them."""
+    """A log without false fixes at its start or right after outages, and findings about them."""
+    anew, shown = without_false_start(source, config, algorithm, first), []
+    if anew is not None:
+        source, first = anew.source, anew.start
+        shown.append(anew.false.finding(KIND, source.survey.first_ns))
+        log_choice("false fixes", "the first")
     gnss = source.aiding.gnss
     false = [] if gnss is None else false_firsts(source, config, algorithm, first)
     if gnss is None or not false:
-        return source, first, []
+        return source, first, shown
     good = gnss.rows(~left_out(gnss.time_ns, false))
     source, first, begun_anew = _with_fixes(source, config, first, good)
     if not begun_anew:
-        return source, first, []
+        return source, first, shown
     log_choice("false fixes", f"after {len(false)} outages")
-    shown = [one.finding(KIND, source.survey.first_ns) for one in false[:MOST_NAMED]]
+    shown += [one.finding(KIND, source.survey.first_ns) for one in false[:MOST_NAMED]]
     if len(false) > MOST_NAMED:
         last = (false[-1].first_ns - source.survey.first_ns) / SECOND
         text = f"after {len(false) - MOST_NAMED} more outages the first fixes are as false"

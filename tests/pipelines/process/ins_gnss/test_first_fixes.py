@@ -22,12 +22,12 @@ CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 OUTAGES = [(60.0, 85.0), (150.0, 190.0)]
 
 
-def recorded(truth, seed, far_m, many, sigma=0.02):
-    """A log whose first fixes after the second outage are off."""
-    data = record(truth, CONSUMER, seed, gnss_rate=1.0, sigma=sigma)
+def recorded(truth, seed, far_m, many, sigma=0.02, after_s=OUTAGES[1][1], rate=1.0):
+    """A log whose first fixes after the second outage, or from its start on, are off."""
+    data = record(truth, CONSUMER, seed, gnss_rate=rate, sigma=sigma)
     data = without_fixes(data, OUTAGES)
     fixes = data.fixes
-    first = np.flatnonzero(fixes.seconds >= OUTAGES[1][1])[:many]
+    first = np.flatnonzero(fixes.seconds >= after_s)[:many]
     way = np.random.default_rng(seed).standard_normal(3)
     off = np.zeros((len(fixes.seconds), 3))
     off[first] = far_m * way / np.linalg.norm(way)
@@ -36,10 +36,10 @@ def recorded(truth, seed, far_m, many, sigma=0.02):
     return replace(data, fixes=replace(fixes, **place)), fixes.seconds[first]
 
 
-def over_sigma(truth, solution):
-    """Largest horizontal error over its sigma from the end of the second outage on."""
+def over_sigma(truth, solution, span=(180.0, 250.0)):
+    """Largest horizontal error over its sigma, by default from the second outage on."""
     seconds = (solution.time_ns - T0) * 1e-9
-    rows = solution.rows((seconds > 180.0) & (seconds < 250.0))
+    rows = solution.rows((seconds > span[0]) & (seconds < span[1]))
     error = truth.errors_of(
         (rows.time_ns - T0) * 1e-9, *rows.position.T, rows.velocity_n, np.eye(3)[None]
     )
@@ -80,6 +80,29 @@ def test_several_false_fixes_and_other_receivers(tmp_path, make, far_m, many, si
     kept = ~np.isin(data.fixes.seconds, false)
     _, without = processed(tmp_path, replace(data, fixes=data.fixes.rows(kept)))
     assert over_sigma(truth, solution) < 1.2 * over_sigma(truth, without)
+
+
+@pytest.mark.parametrize("make", [drive, flight])
+def test_false_fixes_at_the_start_of_a_log_are_left_out(tmp_path, make):
+    """A flight went astray by 2 km until the filter restarted after 30 s."""
+    truth = drive(4, 300.0, 20.0) if make is drive else flight(3, 300.0)
+    data, false = recorded(truth, 4, 12.0, 3, after_s=0.0)
+    found, solution = processed(tmp_path, data)
+    assert int(found[0]["end_ns"]) == T0 + round(false[-1] * 1e9)
+    assert ", the first, " in found[0]["text"] and "about 10 m off" in found[0]["text"]
+    assert over_sigma(truth, solution, (0.0, 60.0)) < 5.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("far_m, many, sigma, rate", [(40.0, 2, 2.0, 1.0), (15.0, 12, 0.02, 5.0)])
+def test_several_false_first_fixes_of_a_flight(tmp_path, far_m, many, sigma, rate):
+    for seed in range(3, 6):
+        truth = flight(seed, 300.0)
+        data, false = recorded(truth, seed, far_m, many, sigma, 0.0, rate)
+        found, solution = processed(tmp_path, data)
+        # The last of them may lie before the start without the others
+        assert len(found) == 1 and int(found[0]["end_ns"]) > T0 + round(false[0] * 1e9)
+        assert over_sigma(truth, solution, (0.0, 60.0)) < 5.0
 
 
 @pytest.mark.slow
