@@ -40,6 +40,7 @@ from sinstool.survey.needs import (
 from sinstool.survey.oddities import oddities
 from sinstool.survey.rest import moving_at, rest_end, settled, shaken_rest
 from sinstool.survey.samples import SampleCache, samples_again
+from sinstool.survey.two_sensors import apart, may_alternate
 from sinstool.survey.wheels import WheelSpeeds, read_wheels
 
 # Samples that are too many to keep are read again for leaps of their times of so many s only.
@@ -275,6 +276,9 @@ def survey_samples(
         steps = remove_clock_steps(log, topic)
         if steps:
             found = replace(find(), clock_steps=steps)
+    if may_alternate(found.windows):
+        again = samples_again(log, topic, units, found, samples, found.first_ns)
+        found = replace(found, two_sensors=apart(again, found.count / found.duration_s))
     if _jitters(found, options):
         again = samples_again(log, topic, units, found, samples, found.first_ns)
         even = even_stamps(again, increments, options.imu_stamps == "even")
