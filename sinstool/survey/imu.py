@@ -239,6 +239,7 @@ def survey(
     progress: Callable[[int], None] | None = None,
     read: Watcher | None = None,
     judged: Watcher | None = None,
+    keep_repeated: bool = False,
 ) -> Survey:
     """Survey a log's IMU topic in one pass.
 
@@ -259,6 +260,8 @@ def survey(
         Gets the samples as they were read.
     judged : Watcher, optional
         Gets them as they are judged: in the order of time, increments as mean rates.
+    keep_repeated : bool, optional
+        See :class:`~sinstool.core.timeline.Order`.
 
     Raises
     ------
@@ -270,18 +273,12 @@ def survey(
     dead: tuple[str, ...] = ()
     while True:
         losses = Losses()
-        order = Order(horizon)
+        order = Order(horizon, keep_repeated)
         tally, extent = Tally(), _Extent()
         blocks = read_imu(
-            log,
-            topic.channels,
-            units,
-            losses,
-            path=topic.path,
-            log_time=log_time,
-            orientation=tally.wants_orientation,
-            progress=progress,
-        )
+            log, topic.channels, units, losses, path=topic.path, log_time=log_time,
+            orientation=tally.wants_orientation, progress=progress,
+        )  # fmt: skip
         source = extent.watch(blocks)
         if span is not None:
             source = _spanned(source, span)

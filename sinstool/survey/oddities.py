@@ -301,7 +301,10 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f"{all_that(o.duplicates, 'sample', 'repeats', 'repeat')} a stamp"
             f" ({o.differing_duplicates} with other values); left out",
             severity=Severity.LOST if lost else Severity.WARNING,
-            answer="check whether two IMUs publish on this topic" if lost else "",
+            answer="give --imu-rate if stamps are too coarse for the rate, and check whether two"
+            " IMUs publish on this topic"
+            if lost
+            else "",
         )
     if o.late:
         yield Finding(

@@ -112,7 +112,8 @@ def samples_again(
         if survey.left_out is not None:
             raw = survey.left_out.applied(raw)
     inside = within(raw, begin_ns, end_ns)
-    blocks = ordered(reblock(inside, rows), Order(survey.horizon_ns))
+    order = Order(survey.horizon_ns, survey.order.keep_repeated)
+    blocks = ordered(reblock(inside, rows), order)
     if even is None:
         return blocks
     # The log's first sample may have been taken before its stamp
