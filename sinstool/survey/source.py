@@ -38,7 +38,7 @@ from sinstool.survey.needs import (
 )
 from sinstool.survey.oddities import oddities
 from sinstool.survey.rest import moving_at, rest_end, settled, shaken_rest
-from sinstool.survey.samples import SampleCache, samples_again
+from sinstool.survey.samples import MOVED_NS, SampleCache, samples_again
 from sinstool.survey.stamps_of_receipt import (
     even_where_late,
     sampled_unevenly,
@@ -221,10 +221,16 @@ def part_of(source: Source, config: ProcessConfig, start_ns: int, end_ns: int) -
     even, end_ns = whole.even, min(end_ns, whole.last_ns + 1)
     span = {"start": f"{start_ns} ns", "end": f"{end_ns} ns"}
     if even is not None:  # from the first sample of a line on, as late as the last may be
-        span["start"] = f"{even.line_before(start_ns)} ns"
+        span["start"] = f"{even.line_before(start_ns) - MOVED_NS} ns"
         span["end"] = f"{end_ns + int(even.most_ns) + 1} ns"
     options = config.input.model_copy(update={**span, "imu_stamps": "kept"})
-    survey_, samples = survey_samples(source.log, source.imu_topic, options, look_for_steps=False)
+    survey_, samples = survey_samples(
+        source.log,
+        source.imu_topic,
+        options,
+        look_for_steps=False,
+        keep_repeated=whole.order.keep_repeated,
+    )
     survey_, _, _ = _truly_at_rest(survey_, source.aiding)
     # What a gap is, and how far samples are apart, is known from all of the log
     survey_ = replace(survey_, interval_ns=whole.interval_ns, max_gap_ns=whole.max_gap_ns)
@@ -242,6 +248,7 @@ def survey_samples(
     read: Watcher | None = None,
     judged: Watcher | None = None,
     look_for_steps: bool = True,
+    keep_repeated: bool = False,
 ) -> tuple[Survey, SampleCache]:
     """Read an IMU topic once: its survey, and its samples.
 
@@ -251,6 +258,8 @@ def survey_samples(
         See :func:`~sinstool.survey.imu.survey`.
     look_for_steps : bool, optional
         Look whether a clock was set in the log; by default it is not known.
+    keep_repeated : bool, optional
+        See :class:`~sinstool.core.timeline.Order`; by default it is not known.
 
     Raises
     ------
@@ -270,6 +279,7 @@ def survey_samples(
         progress=progress,
         read=samples,
         judged=judged,
+        keep_repeated=keep_repeated,
     )
     found = find()
     if look_for_steps and _may_have_stepped(found, samples):

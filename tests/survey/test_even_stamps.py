@@ -333,6 +333,12 @@ def test_samples_that_arrive_together_are_all_kept(tmp_path, options):
         assert (source.survey.count, source.survey.order.duplicates) == (count, 0)
         assert source.survey.gap_count == 0 and source.survey.even is not None
         got = concatenate(list(imu_blocks(source, source.survey.first_ns)))
+        # and a part of them, from wherever it begins, has the same times
+        for first_ns in got.time_ns[500:3000:167].tolist():
+            part = part_of(source, config, first_ns, source.survey.last_ns)
+            again = concatenate(list(imu_blocks(part, part.survey.first_ns)))
+            np.testing.assert_array_equal(again.time_ns, got.time_ns[got.time_ns >= first_ns])
+            np.testing.assert_array_equal(again.gyro, got.gyro[got.time_ns >= first_ns])
         kinds = {f.kind for f in source.findings}
     assert not kinds & {"duplicate-stamps", "gaps"}
     assert len(got) == count
