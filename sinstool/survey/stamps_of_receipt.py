@@ -49,7 +49,8 @@ def even_where_late(
 
 def jitters(found: Survey, options: InputOptions) -> bool:
     """Whether stamps jitter by so much that they may be of receipt."""
-    if options.imu_stamps == "kept":
+    given = options.imu_rate is not None and not found.order.keep_repeated
+    if given or options.imu_stamps == "kept":
         return False
     if options.imu_stamps == "even" or sampled_unevenly(found):
         return True
