@@ -58,6 +58,8 @@ class OrderCounts:
         Those of them whose gyro values differ from those of the sample kept.
     late : int
         Samples dropped because they lay further behind the newest than the horizon.
+    keep_repeated : bool
+        Samples with a repeated time and other values are kept, a nanosecond later.
     """
 
     backward: int = 0
@@ -65,6 +67,7 @@ class OrderCounts:
     duplicates: int = 0
     differing_duplicates: int = 0
     late: int = 0
+    keep_repeated: bool = False
 
 
 class Order:
@@ -74,15 +77,18 @@ class Order:
     ----------
     horizon_ns : int
         Largest time by which a sample may be older than the newest one and still be put in order.
+    keep_repeated : bool, optional
+        Keep samples with a repeated time and other values, a nanosecond after the one before: their
+        times say nothing but the order.
     """
 
-    def __init__(self, horizon_ns: int = FIRST_HORIZON) -> None:
+    def __init__(self, horizon_ns: int = FIRST_HORIZON, keep_repeated: bool = False) -> None:
         self.horizon_ns = horizon_ns
-        self.counts = OrderCounts()
+        self.counts = OrderCounts(keep_repeated=keep_repeated)
         # samples that later ones may still precede, in order
         self.held: Imu | None = None
-        self._newest = self._last_seen = self._last_out = _NEVER
-        self._last_gyro = np.zeros(3)
+        self._newest = self._last_seen = self._last_out = self._last_stamp = _NEVER
+        self._last_gyro, self._last_accel = np.zeros(3), np.zeros(3)
 
     def push(self, block: Imu) -> Imu:
         """Add a block; return the samples that no later one can precede."""
@@ -135,6 +141,8 @@ class Order:
         """Drop samples with a repeated time, except the first in the file; note the last time."""
         if not len(block):
             return block
+        if self.counts.keep_repeated:
+            block = self._apart(block)
         times = block.time_ns
         fresh = np.diff(times, prepend=self._last_out) > 0
         if self._last_out == _NEVER:
@@ -150,8 +158,27 @@ class Order:
             block = block.rows(fresh)
         if len(block):
             self._last_out = int(block.time_ns[-1])
-            self._last_gyro = block.gyro[-1].copy()
+            self._last_gyro, self._last_accel = block.gyro[-1].copy(), block.accel[-1].copy()
         return block
+
+    def _apart(self, block: Imu) -> Imu:
+        """Move samples that repeat a time a nanosecond behind the one before, but drop copies."""
+        times = block.time_ns
+        last = int(times[0]) - 1 if self._last_out == _NEVER else self._last_out
+        repeats = np.diff(times, prepend=self._last_stamp) <= 0
+        if self._last_out == _NEVER:
+            repeats[0] = False
+        self._last_stamp = int(times[-1])
+        if not repeats.any() and times[0] > last:
+            return block
+        turned = np.diff(block.gyro, axis=0, prepend=self._last_gyro[None])
+        pushed = np.diff(block.accel, axis=0, prepend=self._last_accel[None])
+        copies = repeats & ~(turned.any(axis=1) | pushed.any(axis=1))
+        self.counts.duplicates += int(np.count_nonzero(copies))
+        block = block.rows(~copies)
+        count = np.arange(len(block))
+        moved = np.maximum.accumulate(np.maximum(block.time_ns - count, last + 1)) + count
+        return replace(block, time_ns=moved)
 
 
 def ordered(blocks: Iterable[Imu], order: Order) -> Iterator[Imu]:

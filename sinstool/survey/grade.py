@@ -11,10 +11,16 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.finding import Finding
-from sinstool.core.units import DEGREE, DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
+from sinstool.core.units import (
+    DEGREE,
+    DEGREE_PER_HOUR,
+    DEGREE_PER_ROOT_HOUR,
+    STANDARD_GRAVITY,
+)
 from sinstool.methods.sensor_errors import (
     IMU_GRADES,
     LIKELY,
+    LOW_COST,
     Grade,
     grade_by_bias,
     grade_by_noise,
@@ -37,6 +43,9 @@ NOISIER = 3.0
 REST_S = 30.0  # shortest rest whose mean rate is a bias
 BRIEF_REST_S = 10.0  # the same in a log without GNSS, which could show that it is none
 CHANCE_SIGMAS = 2.0  # a bias may be larger by so many sigmas of the noise at rest
+# A rate about a level axis tilts the specific force: if that changed by less than this share of it,
+# the rate is a bias. In a level turn it does not change, as it leans, up to this speed, m/s.
+TILTED, FASTEST = 0.5, 300.0
 LIKELIER = 0.5  # probability of a bare chip from which on an IMU is taken for one
 # Gyros with the noise of tactical or navigation grade may be MEMS, or badly calibrated,
 # but no data sheet allows them a bias beyond this, rad/s.
@@ -190,7 +199,10 @@ def largest_bias(source: Source, config: ProcessConfig) -> float:
     walk = gyro_walk(source, config)
     if walk is None or config.navigation.imu_grade != "auto" or _hides_noise(source, config):
         return np.inf
-    return LARGEST_BIAS.get(grade_by_noise(walk), np.inf)
+    grade = grade_by_noise(walk)
+    if grade_by_bias(grade, bias_across_gravity(source)) in LOW_COST:
+        return np.inf
+    return LARGEST_BIAS.get(grade, np.inf)
 
 
 def bias_at_rest(source: Source) -> float | None:
@@ -213,6 +225,33 @@ def bias_at_rest(source: Source) -> float | None:
         if span.duration_s >= BRIEF_REST_S
     ]
     return max(0.0, min(rates) - EARTH_RATE) if rates else None
+
+
+def bias_across_gravity(source: Source) -> float:
+    """The least that the gyros' bias can be, rad/s, by the longest rest of the log, however short.
+
+    Only the vertical part of its rate may be a slow turn. About any other axis a turn would tilt
+    the specific force, as the accelerometers would feel; unless it leans itself, as in the turn of
+    an aircraft, in proportion to rate and speed. The Earth's rate and noise are subtracted.
+    """
+    still = longest_rest(source.survey.spans, source.aiding.gnss)
+    if still is None:
+        return 0.0
+    windows = source.survey.windows
+    force = windows.accel[(windows.start_ns >= still.start_ns) & (windows.start_ns < still.end_ns)]
+    half = len(force) // 2
+    if not half:
+        return 0.0
+    up = still.accel / np.linalg.norm(still.accel)
+    across = still.gyro - up * (up @ still.gyro)
+    tilted = np.linalg.norm(np.cross(across, still.accel)) * 0.5 * still.duration_s
+    seen = np.linalg.norm(force[half:].mean(axis=0) - force[:half].mean(axis=0))
+    by_chance = CHANCE_SIGMAS * 2.0 * still.accel_std / np.sqrt(still.samples)
+    if seen + by_chance > TILTED * tilted:
+        return 0.0
+    turns = FASTEST / STANDARD_GRAVITY * float(still.gyro @ still.gyro)
+    by_chance = CHANCE_SIGMAS * still.gyro_std / np.sqrt(still.samples)
+    return max(0.0, float(np.linalg.norm(across)) - turns - EARTH_RATE - by_chance)
 
 
 def _small_bias(source: Source) -> bool:
@@ -267,6 +306,8 @@ def _by_noise_and_bias(source: Source, config: ProcessConfig) -> ImuGrade:
     shown = walk / DEGREE_PER_ROOT_HOUR
     grade, why = grade_by_noise(walk), f"by its gyro noise {where}, {shown:.2g} deg/sqrt(h)"
     bias = bias_at_rest(source)
+    if grade_by_bias(grade, across := bias_across_gravity(source)) != grade:
+        bias = max(bias or 0.0, across)
     if not bias and measured is None and grade == "tactical" and not _small_bias(source):
         # Calibrated MEMS have its noise, and biases tens of times those of a tactical gyro
         return ImuGrade("industrial", f"{why}, as no rest shows its bias to be small")

@@ -57,6 +57,8 @@ HELD_RUN, CHANGING = 20, 0.5
 CROWDED, CROWDED_RUN, CROWDED_TIMES, CROWDED_STEP = 1.5, 3.0, 3.0, 4.0
 # A clock was set back if samples alternate between two times this often for each step back.
 SET_BACK_RATIO = 10
+# Stamps are too coarse if this share of the samples has another's stamp, but other values.
+CONFLICTING = 0.3
 
 
 @dataclass
@@ -155,6 +157,8 @@ class Survey:
         Axes that never change although all others show noise.
     clock_steps : tuple of Finding
         Clocks that were set while the log was recorded: samples are read without these steps.
+    two_sensors : float
+        Difference of the specific forces of two sensors whose samples alternate, m/s^2; or 0.
     """
 
     topic: str
@@ -197,6 +201,7 @@ class Survey:
     left_out: LeftOut | None = None
     dead_axes: tuple[str, ...] = ()
     clock_steps: tuple[Finding, ...] = ()
+    two_sensors: float = 0.0
 
     @property
     def rate_hz(self) -> float:
@@ -234,6 +239,7 @@ def survey(
     progress: Callable[[int], None] | None = None,
     read: Watcher | None = None,
     judged: Watcher | None = None,
+    keep_repeated: bool = False,
 ) -> Survey:
     """Survey a log's IMU topic in one pass.
 
@@ -254,6 +260,8 @@ def survey(
         Gets the samples as they were read.
     judged : Watcher, optional
         Gets them as they are judged: in the order of time, increments as mean rates.
+    keep_repeated : bool, optional
+        See :class:`~sinstool.core.timeline.Order`.
 
     Raises
     ------
@@ -265,18 +273,12 @@ def survey(
     dead: tuple[str, ...] = ()
     while True:
         losses = Losses()
-        order = Order(horizon)
+        order = Order(horizon, keep_repeated)
         tally, extent = Tally(), _Extent()
         blocks = read_imu(
-            log,
-            topic.channels,
-            units,
-            losses,
-            path=topic.path,
-            log_time=log_time,
-            orientation=tally.wants_orientation,
-            progress=progress,
-        )
+            log, topic.channels, units, losses, path=topic.path, log_time=log_time,
+            orientation=tally.wants_orientation, progress=progress,
+        )  # fmt: skip
         source = extent.watch(blocks)
         if span is not None:
             source = _spanned(source, span)
@@ -358,7 +360,7 @@ def _unusable(tally: Tally, counts: OrderCounts, extent: _Extent) -> str:
     if extent.count > 1 and extent.low == extent.high:
         return f"all header stamps are {extent.low} ns"
     total = tally.count + counts.duplicates + counts.late
-    if counts.differing_duplicates > 0.5 * total:
+    if counts.differing_duplicates > CONFLICTING * total:
         return f"{counts.differing_duplicates} of {total} samples repeat the stamp before them"
     if counts.lateness_ns > LAST_HORIZON:
         return f"header stamps jump back by {counts.lateness_ns / SECOND:.1f} s"

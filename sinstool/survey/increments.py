@@ -13,7 +13,8 @@ from sinstool.methods.strapdown.followed_rates import with_followed
 from sinstool.methods.strapdown.joined_updates import joined_updates
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentSamples
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
-from sinstool.survey.source import Source, nominal_interval, rate_blocks, sampled_unevenly
+from sinstool.survey.source import Source, nominal_interval, rate_blocks
+from sinstool.survey.stamps_of_receipt import sampled_unevenly
 
 
 class SegmentIncrements:

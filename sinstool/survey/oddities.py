@@ -20,8 +20,9 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
-from sinstool.survey.imu import Survey
+from sinstool.survey.imu import CONFLICTING, Survey
 from sinstool.survey.stuck_axes import StuckAxis
+from sinstool.survey.two_sensors import finding as of_two_sensors
 from sinstool.survey.unit_evidence import (
     LEAST_MISFIT,
     accel_looks_like_g,
@@ -294,10 +295,16 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f" {o.lateness_ns / 1e9:.3g} s: put in order",
         )
     if o.duplicates:
+        lost = o.differing_duplicates > CONFLICTING * (s.count + o.duplicates)
         yield Finding(
             "duplicate-stamps",
             f"{all_that(o.duplicates, 'sample', 'repeats', 'repeat')} a stamp"
             f" ({o.differing_duplicates} with other values); left out",
+            severity=Severity.LOST if lost else Severity.WARNING,
+            answer="give --imu-rate if stamps are too coarse for the rate, and check whether two"
+            " IMUs publish on this topic"
+            if lost
+            else "",
         )
     if o.late:
         yield Finding(
@@ -381,6 +388,8 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
             " motion does, but an error of transmission; left out",
             numbers={"samples": out.wrong},
         )
+    if s.two_sensors:
+        yield of_two_sensors(s.topic, s.two_sensors)
     if s.dead_axes:
         yield Finding(
             "axis-dead",

@@ -18,6 +18,9 @@ from sinstool.survey.imu import BLOCK_ROWS, Survey, Watcher, within
 # An hour at 400 Hz; 96 MB.
 CACHED_SAMPLES = 1_500_000
 
+# Samples that share a stamp are moved from it by less.
+MOVED_NS = 10_000
+
 
 class SampleCache:
     """The samples that the first pass read, for the second: all of them, or none if too many.
@@ -111,8 +114,11 @@ def samples_again(
         )  # fmt: skip
         if survey.left_out is not None:
             raw = survey.left_out.applied(raw)
-    inside = within(raw, begin_ns, end_ns)
-    blocks = ordered(reblock(inside, rows), Order(survey.horizon_ns))
+    kept = survey.order.keep_repeated
+    inside = within(raw, begin_ns - MOVED_NS if kept else begin_ns, end_ns)
+    blocks = ordered(reblock(inside, rows), Order(survey.horizon_ns, kept))
+    if kept:
+        blocks = within(blocks, begin_ns, None)
     if even is None:
         return blocks
     # The log's first sample may have been taken before its stamp

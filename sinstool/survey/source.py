@@ -16,7 +16,7 @@ from sinstool.core.errors import DataError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.memory import return_freed_memory
 from sinstool.core.streams import Imu
-from sinstool.core.timeline import GAP_INTERVALS, SECOND, mean_rates, means_with_lost
+from sinstool.core.timeline import SECOND, mean_rates, means_with_lost
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import ImuUnits, first_fix
@@ -26,7 +26,6 @@ from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
 from sinstool.survey.clock_correction import may_have_stepped, remove_clock_steps
 from sinstool.survey.clock_steps import LEAST_NS
 from sinstool.survey.clocks import against_gnss
-from sinstool.survey.even_stamps import EvenStamps, even_stamps
 from sinstool.survey.gnss import LEFT_OUT, read_gnss
 from sinstool.survey.imu import BLOCK_ROWS, Survey, Watcher, survey
 from sinstool.survey.magnetometer import magnetic_channels
@@ -39,15 +38,17 @@ from sinstool.survey.needs import (
 )
 from sinstool.survey.oddities import oddities
 from sinstool.survey.rest import moving_at, rest_end, settled, shaken_rest
-from sinstool.survey.samples import SampleCache, samples_again
+from sinstool.survey.samples import MOVED_NS, SampleCache, samples_again
+from sinstool.survey.stamps_of_receipt import (
+    even_where_late,
+    sampled_unevenly,
+    say_only_order,
+)
+from sinstool.survey.two_sensors import apart, may_alternate
 from sinstool.survey.wheels import WheelSpeeds, read_wheels
 
 # Samples that are too many to keep are read again for leaps of their times of so many s only.
 READ_AGAIN_S = 0.25
-# Stamps that vary by more of an interval may be of receipt.
-JITTER = 0.2
-# Or samples are so many times further apart in the mean than most of them.
-BATCHES = 2.0
 
 
 @dataclass(frozen=True)
@@ -220,10 +221,16 @@ def part_of(source: Source, config: ProcessConfig, start_ns: int, end_ns: int) -
     even, end_ns = whole.even, min(end_ns, whole.last_ns + 1)
     span = {"start": f"{start_ns} ns", "end": f"{end_ns} ns"}
     if even is not None:  # from the first sample of a line on, as late as the last may be
-        span["start"] = f"{even.line_before(start_ns)} ns"
+        span["start"] = f"{even.line_before(start_ns) - MOVED_NS} ns"
         span["end"] = f"{end_ns + int(even.most_ns) + 1} ns"
     options = config.input.model_copy(update={**span, "imu_stamps": "kept"})
-    survey_, samples = survey_samples(source.log, source.imu_topic, options, look_for_steps=False)
+    survey_, samples = survey_samples(
+        source.log,
+        source.imu_topic,
+        options,
+        look_for_steps=False,
+        keep_repeated=whole.order.keep_repeated,
+    )
     survey_, _, _ = _truly_at_rest(survey_, source.aiding)
     # What a gap is, and how far samples are apart, is known from all of the log
     survey_ = replace(survey_, interval_ns=whole.interval_ns, max_gap_ns=whole.max_gap_ns)
@@ -241,6 +248,7 @@ def survey_samples(
     read: Watcher | None = None,
     judged: Watcher | None = None,
     look_for_steps: bool = True,
+    keep_repeated: bool = False,
 ) -> tuple[Survey, SampleCache]:
     """Read an IMU topic once: its survey, and its samples.
 
@@ -250,6 +258,8 @@ def survey_samples(
         See :func:`~sinstool.survey.imu.survey`.
     look_for_steps : bool, optional
         Look whether a clock was set in the log; by default it is not known.
+    keep_repeated : bool, optional
+        See :class:`~sinstool.core.timeline.Order`; by default it is not known.
 
     Raises
     ------
@@ -269,17 +279,24 @@ def survey_samples(
         progress=progress,
         read=samples,
         judged=judged,
+        keep_repeated=keep_repeated,
     )
     found = find()
     if look_for_steps and _may_have_stepped(found, samples):
         steps = remove_clock_steps(log, topic)
         if steps:
             found = replace(find(), clock_steps=steps)
-    if _jitters(found, options):
+    even = partial(even_where_late, log, topic, units, samples, options)
+    usual = even(found)
+    if say_only_order(found, options):
+        found = even(replace(find(keep_repeated=True), clock_steps=found.clock_steps))
+        if found.even is None and options.imu_rate is None:
+            found = usual
+    else:
+        found = usual
+    if may_alternate(found.windows):
         again = samples_again(log, topic, units, found, samples, found.first_ns)
-        even = even_stamps(again, increments, options.imu_stamps == "even")
-        if even is not None:
-            found = _evened(found, even, options)
+        found = replace(found, two_sensors=apart(again, found.count / found.duration_s))
     return found, samples
 
 
@@ -291,41 +308,6 @@ def _may_have_stepped(found: Survey, samples: SampleCache) -> bool:
     longest_s = max((length for _, length in found.gaps), default=0.0)
     back = found.order.lateness_ns > LEAST_NS or found.time_source == "log"
     return back or max(longest_s, high - low) > READ_AGAIN_S
-
-
-def _jitters(found: Survey, options: InputOptions) -> bool:
-    """Whether stamps jitter by so much that they may be of receipt."""
-    if options.imu_rate is not None or options.imu_stamps == "kept":
-        return False
-    if options.imu_stamps == "even" or sampled_unevenly(found):
-        return True
-    # In batches of ten and more nine of ten intervals are equally short
-    return found.last_ns - found.first_ns > BATCHES * found.count * found.interval_ns
-
-
-def sampled_unevenly(survey: Survey) -> bool:
-    """Whether intervals differ by so much that a long one is no sign of a lost sample."""
-    return survey.even is None and survey.interval_spread_ns > JITTER * survey.interval_ns
-
-
-def _evened(found: Survey, even: EvenStamps, options: InputOptions) -> Survey:
-    """A survey whose times are even ones."""
-    longest = GAP_INTERVALS * even.usual_ns
-    if options.max_gap is not None:
-        longest = options.max_gap * SECOND
-    gaps = tuple(gap for gap in even.gaps if gap[1] * SECOND > longest)
-    return replace(
-        found,
-        last_ns=max(found.last_ns, even.last_ns),
-        interval_ns=even.usual_ns,
-        max_gap_ns=int(longest),
-        bursty=False,
-        gaps=gaps,
-        gap_count=len(gaps),
-        gap_total_s=sum(length for _, length in gaps),
-        missed=len(even.gaps) - len(gaps),
-        even=even,
-    )
 
 
 def _explain(source: Source, config: ProcessConfig) -> None:

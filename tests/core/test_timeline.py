@@ -118,6 +118,7 @@ def test_late_samples_within_and_beyond_the_horizon(block):
         "duplicates": 0,
         "differing_duplicates": 0,
         "late": 1,
+        "keep_repeated": False,
     }
 
 
@@ -128,6 +129,32 @@ def test_the_first_of_equal_stamps_stays():
     assert out.gyro.tolist() == [[1, 0, 0]]
     # two of the three hold other values than the one kept
     assert (order.counts.duplicates, order.counts.differing_duplicates) == (3, 2)
+
+
+@given(stamps(), edges, st.data())
+def test_samples_of_one_time_may_be_kept_apart(times, at, data):
+    """Later ones a nanosecond later; a sample that repeats all values was sent twice."""
+    gyro = np.array(
+        data.draw(st.lists(st.integers(0, 3), min_size=len(times), max_size=len(times)))
+    )
+    values = np.repeat(gyro[:, None], 3, axis=1).astype(float)
+    order = Order(10**9, keep_repeated=True)
+    out = list(ordered(cut(columns(times, values), at), order))
+    got = concatenate(out) if out else None
+    expected: list[tuple[int, int]] = []
+    before = None
+    for row in sorted(range(len(times)), key=lambda k: (times[k], k)):
+        this = int(times[row]), int(gyro[row])
+        if this != before:
+            time = max(this[0], expected[-1][0] + 1) if expected else this[0]
+            expected.append((time, this[1]))
+        before = this
+    if got is None:
+        assert not expected
+        return
+    assert got.time_ns.tolist() == [time for time, _ in expected]
+    assert got.gyro[:, 0].tolist() == [value for _, value in expected]
+    assert order.counts.duplicates == len(times) - len(expected)
 
 
 def test_nothing_in_nothing_out():

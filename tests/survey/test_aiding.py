@@ -11,9 +11,9 @@ from sinstool.core.errors import DataError, TopicError
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.io.readers import open_log
 from sinstool.io.readers.message_types import FIX_TYPE, JOINT_TYPE, PRESSURE_TYPE
-from sinstool.pipelines.process.run import process
 from sinstool.survey.aiding import aiding_channels, read_barometer
 from sinstool.survey.gnss import join, read_gnss
+from sinstool.survey.source import prepare
 from tests.helpers.imulogs import (
     Message,
     even_times,
@@ -226,8 +226,9 @@ def test_a_first_fix_after_the_start_is_read_in_its_unit(tmp_path):
     messages = sorted([*imu_messages(times, gyro, accel), *late], key=lambda m: m.log_ns)
     log = write_log(tmp_path / "a.mcap", messages)
     options = {"input": {"gnss_unit": "rad"}, "navigation": {"mode": "attitude"}}
-    final = process(log, tmp_path / "out.mcap", build(ProcessConfig, options)).final
-    assert (final.lat_deg, final.lon_deg) == pytest.approx((48.0, 11.0))
+    with open_log(log) as opened:
+        position = prepare(opened, build(ProcessConfig, options)).position
+    assert position[:2] == pytest.approx((48.0, 11.0))
 
 
 def test_radians_across_the_date_line_are_refused(tmp_path):

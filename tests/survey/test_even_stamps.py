@@ -9,10 +9,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.core.streams import Imu, concatenate
 from sinstool.io.readers import open_log
 from sinstool.survey.even_stamps import even_stamps
 from sinstool.survey.source import imu_blocks, part_of, prepare, rate_blocks
+from tests.helpers.imulogs import imu_messages, write_log
 from tests.helpers.unseen_drives import GRADES, drive, record, without_samples, write
 from tests.helpers.unseen_errors import received
 
@@ -314,3 +316,42 @@ def test_means_over_uneven_intervals_are_left_as_they_are(tmp_path, seed):
         )
     assert source.survey.even is None
     np.testing.assert_array_equal(used.gyro, measured.gyro)
+
+
+@pytest.mark.parametrize("options", [{}, {"imu_rate": 200.0}])
+def test_samples_that_arrive_together_are_all_kept(tmp_path, options):
+    """Each has the time of the last of them, which is no reason to take them for one sample."""
+    count, random = 4000, np.random.default_rng(2)
+    times = even_times(count)
+    stamps = np.maximum.accumulate(times + late_by(random, count, 2.0 * MS))
+    assert np.count_nonzero(np.diff(stamps) == 0) > 0.02 * count
+    imu = samples(stamps, times, 0.03)
+    log = write_log(tmp_path / "a.mcap", imu_messages(stamps, imu.gyro, imu.accel))
+    config = build(ProcessConfig, {"input": options})
+    with open_log(log) as opened:
+        source = prepare(opened, config)
+        assert (source.survey.count, source.survey.order.duplicates) == (count, 0)
+        assert source.survey.gap_count == 0 and source.survey.even is not None
+        got = concatenate(list(imu_blocks(source, source.survey.first_ns)))
+        # and a part of them, from wherever it begins, has the same times
+        for first_ns in got.time_ns[500:3000:167].tolist():
+            part = part_of(source, config, first_ns, source.survey.last_ns)
+            again = concatenate(list(imu_blocks(part, part.survey.first_ns)))
+            np.testing.assert_array_equal(again.time_ns, got.time_ns[got.time_ns >= first_ns])
+            np.testing.assert_array_equal(again.gyro, got.gyro[got.time_ns >= first_ns])
+        kinds = {f.kind for f in source.findings}
+    assert not kinds & {"duplicate-stamps", "gaps"}
+    assert len(got) == count
+    np.testing.assert_array_equal(got.gyro, imu.gyro * [1.0, -1.0, -1.0])
+    assert np.std(got.time_ns - times) < 0.3 * MS
+
+
+def test_two_samples_a_stamp_in_step_with_the_recorder_are_both_kept(tmp_path):
+    """As of a clock that counts hundredths of a second."""
+    times = even_times(4000)
+    imu = samples(times // (2 * INTERVAL) * (2 * INTERVAL), times, 0.03)
+    log = write_log(tmp_path / "a.mcap", imu_messages(imu.time_ns, imu.gyro, imu.accel))
+    with open_log(log) as opened:
+        survey = prepare(opened, ProcessConfig()).survey
+    assert (survey.count, survey.order.duplicates) == (4000, 0)
+    assert survey.interval_ns == pytest.approx(INTERVAL, rel=1e-3)

@@ -20,6 +20,7 @@ from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.limits import MAX_BLOCK, MAX_PLACES
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.lost import Lost
+from sinstool.io.readers.sqlite_pages import Pages, Row
 
 # Small enough to stay in the processor's cache, which is worth a third of the time.
 BATCH = 4096
@@ -163,6 +164,7 @@ class SqliteLog(Log):
             {"topic_id", "timestamp", "data"} <= set(tables["messages"])
         ):
             raise NotALogError(self.path, "an SQLite database, but not of a ROS 2 bag")
+        self._message_columns = tables["messages"]
         definitions: dict[str, tuple[str, str]] = {}
         if tables["message_definitions"]:
             rows = database.execute(
@@ -208,6 +210,7 @@ class SqliteLog(Log):
         row = begun = _FIRST_ROW
         places, limit = 0, ""
         last: int | None = None
+        unreachable = False
         while places < MAX_PLACES:
             places += row < begun  # damaged pages may lead back, and again and again
             begun = row
@@ -244,10 +247,17 @@ class SqliteLog(Log):
                     limit = " LIMIT 1"
                     continue
                 limit = ""
-                places += 1
+                there = None if selection is None else self._row_after(max(row, 0))
+                if there is not None and there[0] > row:
+                    row = there[0]  # of a topic that was not chosen: what is damaged comes later
+                    continue
                 again, time = self._next_readable(max(row, 0))  # ids of a bag begin with 1
                 if again <= row:  # damaged pages may lead back
                     again = 0
+                places += 1
+                if not again and self._cut_short():
+                    unreachable = True
+                    break
                 to = f" to {again - 1}" if again else " and those after it"
                 what = f"message {max(row, 0) + 1}{to} cannot be read: {exc}"
                 self.note_lost(Lost(what, "row", start_ns=last, end_ns=time))
@@ -257,39 +267,59 @@ class SqliteLog(Log):
         else:
             what = f"messages after {row} were not read: {places} damaged places precede them"
             self.note_lost(Lost(what, "row", start_ns=last), always=True)
+        if unreachable:
+            after = max(row, 0)
+            for row, topic, time, blob in self._on_pages(after):
+                if selection is not None and topic not in selection:
+                    continue
+                topics.append(topic)
+                times.append(time)
+                data += blob
+                lengths.append(len(blob))
+                if len(lengths) == BATCH or len(data) >= BATCH_BYTES:
+                    batch = _batch(topics, times, lengths, data, self._position(row))
+                    topics, times, lengths = array("q"), array("q"), array("q")
+                    data = bytearray()
+                    yield batch
+            # the same for every selection of topics
+            what = f"message {after + 1} and those after it cannot be read but for whole pages"
+            self.note_lost(Lost(what, "row"))
         if lengths:
             yield _batch(topics, times, lengths, data, self._position(row))
 
+    def _on_pages(self, after: int) -> Iterator[Row]:
+        """Messages behind a row on whole pages that the file still has, wherever they are."""
+        return Pages(self.path, self._message_columns, self.channels.__contains__).messages(after)
+
     def _next_readable(self, row: int) -> tuple[int, int | None]:
         """The next readable row after a damaged page, and its time; 0 without one."""
-
-        def probe(behind: int) -> tuple[int, int | None] | None:
-            assert self._database is not None
-            columns = "rowid AS row, timestamp, data"
-            query = f"SELECT {columns} FROM messages WHERE rowid > ? ORDER BY rowid"
-            try:
-                next_row = self._database.execute(f"{query} LIMIT 1", (behind,)).fetchone()
-            except _UNREADABLE as exc:
-                _raise_if_interrupted(exc)
-                return None
-            return (0, None) if next_row is None else (next_row[0], next_row[1])
-
         # Exponential search for a readable row, then bisection for the first one
         step = 1
-        while (good := probe(row + step)) is None:
+        while (good := self._row_after(row + step)) is None:
             step *= 2
             if row + step >= 2**62:
                 return 0, None
         bad, readable = step // 2, step
         while readable - bad > 1:
             middle = (bad + readable) // 2
-            there = probe(row + middle)
+            there = self._row_after(row + middle)
             if there is None:
                 bad = middle
             else:
                 readable, good = middle, there
         number, time = good
         return number, time if isinstance(time, int) else None
+
+    def _row_after(self, row: int) -> tuple[int, int | None] | None:
+        """The row after another, and its time; (0, None) if there is none, None if unreadable."""
+        assert self._database is not None
+        query = "SELECT rowid AS row, timestamp, data FROM messages WHERE rowid > ? ORDER BY rowid"
+        try:
+            found = self._database.execute(f"{query} LIMIT 1", (row,)).fetchone()
+        except _UNREADABLE as exc:
+            _raise_if_interrupted(exc)
+            return None
+        return (0, None) if found is None else (found[0], found[1])
 
     def _position(self, row: int) -> int:
         return int(self.size * min(1.0, max(0, row) / max(1, self._last_row)))

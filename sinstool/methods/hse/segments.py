@@ -39,6 +39,9 @@ _NOISE_TOLERANCE = 5.0
 SLOWEST = np.radians(1.0)
 """Rate below which the table counts as at rest, rad/s."""
 
+CHANGING = "the rate changes"
+"""Reason of what lies between plateaus."""
+
 SHORTEST_S = 60.0
 # Plateaus of fewer blocks are parts of a change of rate.
 _FEWEST_BLOCKS = 8
@@ -202,7 +205,7 @@ def _judged(segment: Segment, piece: TableAngle, rules: SegmentRules) -> list[Se
         return [
             replace(
                 segment,
-                reason=f"the table turns at {np.degrees(segment.rate):.2f} deg/s: "
+                reason=f"the table turns at {abs(np.degrees(segment.rate)):.2f} deg/s: "
                 f"{np.degrees(rules.min_rate):g} deg/s needed",
             )
         ]
@@ -247,7 +250,7 @@ def _too_short(duration_s: float, rules: SegmentRules) -> str:
 
 
 def _changing(piece: TableAngle, number: int, first: int, stop: int) -> Segment:
-    return replace(_segment(piece, number, first, stop), reason="the rate changes")
+    return replace(_segment(piece, number, first, stop), reason=CHANGING)
 
 
 def _segment(piece: TableAngle, number: int, first: int, stop: int) -> Segment:

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.finding import Finding, Severity
@@ -233,8 +234,24 @@ def _nonlinear(result: HseFit) -> Iterator[Finding]:
         )
 
 
+def base_moves(result: HseFit) -> bool:
+    """Whether the leans at one position differ by more than their own uncertainty."""
+    pairs = zip(result.runs, result.run_fits, strict=True)
+    used = [(fitted.position, run.C23, run.sigma_C23) for run, fitted in pairs if fitted.used]
+    for position in {place for place, *_ in used}:
+        here = np.array([row[1:] for row in used if row[0] == position])
+        lean, sigma = here.T
+        if not np.all(sigma > 0.0):
+            return True
+        weight = sigma**-2
+        chi2 = float(weight @ (lean - np.average(lean, weights=weight)) ** 2)
+        if len(lean) > 1 and special.chdtrc(len(lean) - 1, chi2) < P_LACK_OF_FIT:
+            return True
+    return False
+
+
 def _remarks(result: HseFit) -> Iterator[Finding]:
-    if result.C23_spread > C23_SPREAD and result.observable:
+    if result.C23_spread > C23_SPREAD and result.observable and base_moves(result):
         yield _finding(
             "ok",
             f"at one position the lean of the axis varies by {100 * result.C23_spread:.0f} %",

@@ -37,8 +37,8 @@ from sinstool.methods.hse.calibration import (
 from sinstool.methods.hse.fit import fit
 from sinstool.methods.hse.fit_result import FitOptions, HseFit
 from sinstool.methods.hse.rig import Rig, from_table
-from sinstool.methods.hse.run import HseRun
-from sinstool.methods.hse.segments import SegmentRules
+from sinstool.methods.hse.run import RATE_GAP, HseRun
+from sinstool.methods.hse.segments import CHANGING, SegmentRules
 from sinstool.methods.hse.statistics import ValidationTable, validation_table
 from sinstool.methods.hse.status import judge
 from sinstool.methods.hse.whole_turn import WholeTurnAlignment, run_from_turns
@@ -133,7 +133,33 @@ def calibrate(
         file,
         table,
         spread,
-        (*remarks, *findings, *judged.findings),
+        (*remarks, *findings, *unused_rates(logs), *judged.findings),
+    )
+
+
+def unused_rates(logs: Sequence[RigTurns]) -> Iterator[Finding]:
+    """A warning of rates at which the table turned, but of which no stretch could be used."""
+    used = np.array([s.rate for log in logs for s in log.segmentation.used])
+    lost = [
+        (log.source, segment)
+        for log in logs
+        for segment in log.segmentation.rejected
+        if segment.turns >= 1.0
+        and segment.reason != CHANGING
+        and not np.any(np.abs(used - segment.rate) <= RATE_GAP * abs(segment.rate))
+    ]
+    if not lost:
+        return
+    rates = sorted({round(segment.rate / DEGREE, 1) for _, segment in lost})
+    source, first = lost[0]
+    yield Finding(
+        "rate-left-out",
+        f"the table also turned at {', '.join(f'{rate:g}' for rate in rates)} deg/s, but no run has"
+        f" {'this rate' if len(rates) == 1 else 'these rates'}: in {source} at"
+        f" {max(first.start_s, 0.0):.1f} s, {first.reason}",
+        answer="let the table turn for longer at each rate, or require less: --min-turns,"
+        " --min-duration",
+        numbers={"stretches": float(len(lost))},
     )
 
 

@@ -130,7 +130,7 @@ def _carry_out(
         plan=plan,
         imu=ImuTime.of(source),
         travel=written.odometer.travel(),
-        final=FinalState.of(written.last, source.position),
+        final=FinalState.of(written.last, output_file.origin is not None),
         lost=lost,
         **vars(replace(outcome, findings=findings)),
     )

@@ -367,7 +367,7 @@ class Smoothing:
         elif self._missed:
             yield missed_finding(self._missed, first_ns, compassed)
         elif s.tilt_sigma_largest_deg * DEGREE > UNCERTAIN_TILT:
-            at = (self._worst_ns - first_ns) / SECOND
+            at = max(0.0, (self._worst_ns - first_ns) / SECOND)
             usual, most = f"{s.tilt_sigma_deg:.2g} deg", f"{s.tilt_sigma_largest_deg:.2g} deg"
             known = f"roll and pitch are known to {usual}"
             text = f"{known} only (1 sigma)"

@@ -369,7 +369,7 @@ class FinalState:
     roll_deg, pitch_deg, heading_deg : float
         The same as angles.
     lat_deg, lon_deg, height_m : float or None
-        Of the last solution, or of the first fix in a mode without positions; None if unknown.
+        Where the solution ends; None in a mode that computes no positions.
     """
 
     time_ns: int
@@ -382,13 +382,11 @@ class FinalState:
     height_m: float | None
 
     @classmethod
-    def of(
-        cls, last: Solution, position: tuple[float | None, float | None, float | None]
-    ) -> FinalState:
-        """From the last block of a run; without positions there, with another position (deg, m)."""
+    def of(cls, last: Solution, navigates: bool) -> FinalState:
+        """From the last block of a run; if it does not navigate, its position is that of a fix."""
         roll, pitch, heading = to_euler(last.q_nb[-1]) / DEGREE
-        latitude, longitude, height = position
-        if last.position is not None:
+        latitude = longitude = height = None
+        if navigates and last.position is not None:
             latitude, longitude = (float(v) for v in last.position[-1, :2] / DEGREE)
             height = float(last.position[-1, 2])
         return cls(

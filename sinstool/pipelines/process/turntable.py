@@ -122,7 +122,7 @@ def process_turntable(
         alignment=_first_attitude(turns, alignments[-1], corrected, len(alignments) - 1),
         hse=hse,
         travel=written.odometer.travel(),
-        final=FinalState.of(written.last, (rig.latitude / DEGREE, None, None)),
+        final=FinalState.of(written.last, navigates=False),
         lost=lost,
         findings=findings,
     )

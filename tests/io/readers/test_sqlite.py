@@ -162,6 +162,38 @@ def test_salvage_passes_over_a_damaged_page(tmp_path, row):
         assert part.end_ns == (content()[last].log_time if last < len(content()) else None)
 
 
+def long_content():
+    """Enough for a tree of three levels, with payloads of several pages among the others."""
+    rows = content(12_000)
+    long = {k: replaced(row, 9_000 + k) for k, row in enumerate(rows) if k % 500 == 20}
+    return [long.get(k, row) for k, row in enumerate(rows)]
+
+
+def replaced(row, size):
+    return row._replace(payload=row.payload + bytes(k % 251 for k in range(size)))
+
+
+def test_a_cut_file_keeps_all_rows_before_the_cut(tmp_path):
+    """The page that leads to the first rows lies in the part that is missing."""
+    rows = long_content()
+    data = write_db3(tmp_path / "a.db3", rows).read_bytes()
+    number = {row.payload: k for k, row in enumerate(rows)}
+    path = tmp_path / "cut.db3"
+    for share in (0.2, 0.5, 0.8):
+        path.write_bytes(data[: int(share * len(data))])
+        with open_log(path, salvage=True) as log:
+            result = read_back(log)
+            assert result == rows[: len(result)]
+            assert abs(len(result) / len(rows) - share) < 0.06
+            some = log.channels_of("/imu")
+            assert read_back(log, [c.id for c in some]) == [r for r in result if r.topic == "/imu"]
+            # said once, whatever was read, and nothing of what was read is said to be lost
+            assert [one.kind for one in log.lost] == ["end", "row"]
+            said = int(str(log.lost[1]).split()[1])
+            assert said <= len(result) + 1
+            assert len({number[row.payload] for row in result}) == len(result)
+
+
 def test_many_damaged_pages(tmp_path, monkeypatch):
     """Each counts once; where they are too many, what is left out is said, come what may."""
     damaged = (30, 90, 150, 210, 270, 330)

@@ -163,6 +163,20 @@ def test_a_base_that_moves_is_remarked():
     assert not any("varies" in w for w in judged(sharp(brute_runs())).warnings)
 
 
+def test_noise_of_the_leans_is_no_moving_base():
+    random = np.random.default_rng(3)
+    noise = 5e-5 * random.standard_normal(9)
+    runs = [
+        replace(r, C23=r.C23 + e, sigma_C23=5e-5)
+        for r, e in zip(sharp(brute_runs(lean=1.6e-3)), noise, strict=True)
+    ]
+    result = fit(runs, HEADING)
+    assert result.C23_spread > 0.05 and result.observable
+    assert not any("the base moves" in w for w in judge(result).warnings)
+    known = fit([replace(r, sigma_C23=5e-6) for r in runs], HEADING)
+    assert any("the base moves" in w for w in judge(known).warnings)
+
+
 def test_runs_that_do_not_belong_together_are_remarked():
     """Logs of two sites with the latitude of one, say: each run is good, they do not agree."""
     runs = sharp(brute_runs(), 2.0 * ARCSEC)

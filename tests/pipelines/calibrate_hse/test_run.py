@@ -76,6 +76,19 @@ def test_span_of_time(log, tmp_path):
     assert [round(np.degrees(run["rate_rad_s"])) for run in cal["runs"]] == [120]
 
 
+def test_rates_without_a_run_are_named(log, tmp_path):
+    """Else it reads as if the table had turned at one rate only."""
+    path, rig = log  # ten turns at 120 deg/s, five at 60
+    strict = edited(rig, "strict", calibration={"min_turns": 6, "min_duration": 15.0})
+    config = effective_config(strict, {})
+    result = calibrate_logs([path], None, config)
+    (found,) = (f for f in result.findings if f.kind == "rate-left-out")
+    assert "turned at 60 deg/s, but no run has this rate" in found.text
+    assert "6 whole ones needed" in found.text and "--min-turns" in found.answer
+    usual = calibrate_logs([path], None, effective_config(rig, {}))
+    assert not any(f.kind == "rate-left-out" for f in usual.findings)
+
+
 def test_output_appears_whole_or_not_at_all(log, tmp_path, monkeypatch):
     path, rig = log
     output = tmp_path / "hse.json"

@@ -415,15 +415,21 @@ def test_the_earths_rate(tmp_path, source):
     if source == "none":
         assert off == pytest.approx(np.degrees(7.292115e-5) * 20.0, rel=1e-3)
         assert any("give --latitude" in w for w in summary["warnings"])
-        assert (summary["final"]["lat_deg"], summary["output"]["frame"]) == (None, "odom")
+        assert summary["output"]["frame"] == "odom"
     else:
         assert off < 1e-9
-        assert summary["final"]["lat_deg"] == pytest.approx(latitude)
         assert summary["output"]["frame"] == "map"
         assert not any("latitude" in w for w in summary["warnings"])
-    if source == "fix":
-        assert summary["final"]["lon_deg"] == pytest.approx(11.0)
-        assert summary["final"]["height_m"] == pytest.approx(300.0)
+
+
+@pytest.mark.parametrize("attitude", ["smoothed", "inertial"])
+def test_attitude_alone_has_no_final_position(tmp_path, attitude):
+    place = (np.radians(48.0), np.radians(11.0), 300.0)
+    path = simulated(tmp_path / "in.mcap", still_at(48.0, 20.0), position=place)
+    only = {"mode": "attitude", "attitude": attitude}
+    summary = run(path, tmp_path / "out.mcap", align=FIXED, navigation=only)
+    final = summary["final"]
+    assert (final["lat_deg"], final["lon_deg"], final["height_m"]) == (None, None, None)
 
 
 def test_the_earths_rate_is_no_bias(tmp_path):
