@@ -24,6 +24,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import message_times
+from sinstool.methods.receiver_priors import ARM_USUAL_M, LATENCY_S
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.before_start import before_start
@@ -39,8 +40,8 @@ TRIED, JUDGES = (1, 2, 4, 8, 16), 5
 # They are false if the squared innovations of those that follow are this many times as large as
 # expected, and this many times as large as without them.
 DISAGREE, LESS = 5.0, 4.0
-# Of a log's first fixes, a start without them shows how far they are off: by so many sigmas at
-# least. That start is at most so much later, s.
+# They are off by so many sigmas at least. A start without the first fixes of a log is at most so
+# much later, s.
 FAR, LATER_S = 5.0, 30.0
 
 
@@ -112,7 +113,8 @@ def false_firsts(
         out[rows[(doubted[:, None] + np.arange(many)).ravel()]] = True
         without, _ = _innovations(parts, start, rows, out)
         after = _judged(without, doubted + many)
-        false = doubted[(after > 0.0) & (after < before[before > DISAGREE] / LESS)]
+        far = off[doubted + many] > FAR * np.hypot(start.fix_sigma_m, _unknown_arm(start))
+        false = doubted[far & (after > 0.0) & (after < before[before > DISAGREE] / LESS)]
         for k in false.tolist():
             ends = int(stamps[k]), int(stamps[k + many - 1])
             found.append(FalseFirst(*ends, float(off[k + many]), float(waited[k - 1])))
@@ -190,6 +192,7 @@ def _carried_back(
     back = before_start(source, config, algorithm, start, start.start, False)
     if back is None or back.position is None or back.covariance_position_n is None:
         return 0.0
+    assert back.velocity_n is not None
     at = np.searchsorted(back.time_ns, fixes.time_ns - _late(start))
     at = np.minimum(at, len(back.time_ns) - 1)
     lat, lon, height = back.position[at].T
@@ -200,6 +203,10 @@ def _carried_back(
     off = np.stack([north, east, height - fixes.height], axis=1) - arm_n
     variance = np.einsum("nii->ni", back.covariance_position_n[at])
     variance = variance + np.square(np.nan_to_num(fixes.sigma_position_n))
+    # At a constant speed a wrong latency moves all fixes alike
+    change = np.linalg.norm(back.velocity_n[at] - back.velocity_n[-1], axis=1, keepdims=True)
+    late = 0.0 if config.gnss.gnss_latency is not None else LATENCY_S
+    variance = variance + np.square(late * change) + _unknown_arm(start) ** 2
     # A fix may have no height
     far = np.sqrt(np.nansum(off**2 / variance, axis=1)) > FAR
     distance = np.sqrt(np.nansum(off**2, axis=1))
@@ -218,6 +225,11 @@ def _judged(squares: FloatArray, first: IntArray) -> FloatArray:
     """Mean normalised squares of the epochs from these on, shape (k,); 0 where one is missing."""
     padded = np.append(squares, np.full(max(TRIED) + JUDGES, np.nan))
     return np.nan_to_num(np.mean(padded[first[:, None] + np.arange(JUDGES)], axis=1))
+
+
+def _unknown_arm(start: FilterStart) -> float:
+    """By how much fixes may move as the vehicle turns, m: 0 with a given lever arm."""
+    return 0.0 if any(start.settings.lever_arm_b) else ARM_USUAL_M
 
 
 def _late(start: FilterStart) -> int:
