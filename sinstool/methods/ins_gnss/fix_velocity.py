@@ -117,8 +117,10 @@ def outlying(gnss: GnssEpochs) -> BoolArray:
     a row the farthest is the outlier, and the others are its neighbours.
     """
     rows = np.flatnonzero(gnss.has_position)
-    seconds, place = track_of(gnss.rows(rows))
     bad = np.zeros(len(gnss), dtype=np.bool_)
+    if len(rows) < LEAST_FIXES:
+        return bad
+    seconds, place = track_of(gnss.rows(rows))
     bad[rows] = _off_their_neighbours(seconds, place, stated_sigma(gnss.rows(rows)), MOST_TURN, 0.0)
     return bad
 
@@ -138,8 +140,10 @@ def outlying_innovations(time_ns: IntArray, innovation: FloatArray, stated_m: fl
         Usual stated sigma of a horizontal axis, m.
     """
     rows = np.flatnonzero(np.isfinite(innovation).all(axis=1))
-    seconds = (time_ns[rows] - time_ns[0]) * 1e-9 if len(rows) else np.empty(0)
     bad = np.zeros(len(time_ns), dtype=np.bool_)
+    if len(rows) < LEAST_FIXES:
+        return bad
+    seconds = (time_ns[rows] - time_ns[0]) * 1e-9
     far = _off_their_neighbours(seconds, innovation[rows], stated_m, LEANT, LATE_S * MOST_TURN)
     steps = np.diff(seconds, prepend=-np.inf, append=np.inf)
     bad[rows] = far & (np.maximum(steps[:-1], steps[1:]) < LONGEST_GAP_S)

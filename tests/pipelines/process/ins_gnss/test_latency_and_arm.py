@@ -594,6 +594,13 @@ def test_how_far_is_far_off_is_what_the_receiver_says_of_its_noise_and_what_is_u
     assert np.flatnonzero(outlying(gnss)).tolist() == ([77] if far else [])
 
 
+@pytest.mark.parametrize("many", [0, 1, 3])
+def test_a_few_fixes_have_no_outliers(road, many):
+    gnss = epochs_of(record(road, GRADES["tactical"], 5, sigma=0.05).fixes).rows(slice(0, many))
+    assert outlying(gnss).tolist() == [False] * many
+    assert outlying_innovations(gnss.time_ns, np.zeros((many, 3)), 0.05).tolist() == [False] * many
+
+
 def test_a_position_held_at_rest_has_no_outliers(road):
     fixes = record(road, GRADES["tactical"], 5, gnss_rate=5.0, sigma=0.05).fixes
     held = fixes.rows(np.maximum(np.arange(len(fixes.seconds)), 100))
