@@ -41,6 +41,8 @@ from sinstool.survey.source import Source
 MAX_NS = 300 * SECOND
 # Share of a log with fixes without a solution beyond which it is no solution of this log.
 MOST_WITHOUT = 0.5
+# What is carried back for no longer than this is as good as the start.
+BRIEF_NS = SECOND
 
 
 def corrected_start(
@@ -165,7 +167,8 @@ def before_start_finding(survey: Survey, start: FilterStart, first_ns: int) -> F
     Returns
     -------
     Finding
-        Lost if most of the log from its first fix on has no solution.
+        Lost if most of the log from its first fix on has no solution; a note where no more than a
+        second is carried back.
     """
     begin_ns = survey.first_ns
     text = before_start_text((first_ns - begin_ns) / SECOND, (start.time_ns - begin_ns) / SECOND)
@@ -180,7 +183,8 @@ def before_start_finding(survey: Survey, start: FilterStart, first_ns: int) -> F
             start_ns=begin_ns,
             end_ns=first_ns,
         )
-    return Finding("before-start", text, Severity.WARNING)
+    brief = start.time_ns - begin_ns < BRIEF_NS and first_ns <= begin_ns
+    return Finding("before-start", text, Severity.NOTE if brief else Severity.WARNING)
 
 
 def before_start_text(without_s: float, before_s: float) -> str:

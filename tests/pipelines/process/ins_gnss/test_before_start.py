@@ -62,6 +62,14 @@ def test_most_of_a_log_without_a_solution_is_lost(first_fix_s, solution_s, lost)
     assert finding.kind == "before-start" and finding.text.endswith("have no solution")
 
 
+@pytest.mark.parametrize("start_s, severity", [(0.01, Severity.NOTE), (3.0, Severity.WARNING)])
+def test_a_moment_that_is_carried_back_is_no_reason_to_warn(start_s, severity):
+    used = SimpleNamespace(time_ns=np.array([0, 99e9]), has_position=np.array([True, True]))
+    start = SimpleNamespace(time_ns=round(start_s * 1e9), used=used)
+    survey = SimpleNamespace(first_ns=0, last_ns=100_000_000_000)
+    assert before_start_finding(survey, start, 0).severity == severity
+
+
 @pytest.mark.slow
 def test_fixes_that_begin_late(tmp_path):
     log = simulated(
