@@ -1,8 +1,8 @@
 """Stretches of fixes that are off by far more than their receiver states: found and reported.
 
 They are not left out, as their error may change after the jump that shows it: they get the size of
-the jump as sigma, as if the receiver had stated it. Only the first fixes of a log or
-after an outage are left out.
+the jump as sigma, as if the receiver had stated it. Only the first fixes of a log or after an
+outage are left out.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ KIND = "false-fixes"
 def find_false_fixes(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> tuple[Source, FilterStart, list[Finding]]:
-    """A log without false fixes after outages, and with larger sigmas where other fixes are false.
+    """A log without false first fixes, and with larger sigmas where other fixes are false.
 
     Parameters
     ----------

@@ -24,6 +24,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import message_times
+from sinstool.methods.ins_gnss.returning_fixes import OUTAGE_S
 from sinstool.methods.receiver_priors import ARM_USUAL_M, LATENCY_S
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.velocity import Increments
@@ -33,8 +34,6 @@ from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.survey.increments import SegmentIncrements
 from sinstool.survey.source import Source
 
-# After so long without positions, s, a filter is less certain than a fix.
-OUTAGE_S = 5.0
 # So many first fixes are tried as false, the fewest first, and judged by so many that follow.
 TRIED, JUDGES = (1, 2, 4, 8, 16), 5
 # They are false if the squared innovations of those that follow are this many times as large as
@@ -54,7 +53,7 @@ class FalseFirst:
     first_ns, last_ns : int
         Stamps of the first and the last message.
     off_m : float
-        Distance from those that follow, m.
+        Largest distance from those that follow, m.
     outage_s : float
         Length of the outage, s; infinite at the start.
     """
@@ -71,7 +70,7 @@ class FalseFirst:
         which = f"the fix at {begin:.1f} s" if one else f"fixes from {begin:.1f} to {end:.1f} s"
         after = f" after {self.outage_s:.0f} s" if np.isfinite(self.outage_s) else ""
         text = (
-            f"{which}, the first{after}, {'is' if one else 'are'} about"
+            f"{which}, the first{after}, {'is' if one else 'are up to'} about"
             f" {float(f'{self.off_m:.1g}'):g} m off those that follow: left out"
         )
         return Finding(
@@ -148,10 +147,10 @@ def without_false_start(
     """
     used, gnss = start.used, source.aiding.gnss
     rows = np.flatnonzero(used.has_position)
+    if gnss is None or not len(rows):
+        return None
     stamps = message_times(used, start.lag)[rows]
     first = max(int(np.searchsorted(stamps, start.time_ns + _late(start), "right")) - 1, 0)
-    if gnss is None:
-        return None
     squares, _ = _innovations(_from(source, config, algorithm, start), start, rows)
     for many in TRIED:
         before = _judged(squares, np.array([first + many]))[0]
@@ -176,7 +175,8 @@ def without_false_start(
         there = slice(first, first + many)
         off_m = _carried_back(changed, config, algorithm, other, used.rows(rows[there]))
         if off_m > 0.0:
-            false = FalseFirst(int(stamps[first]), last_ns, off_m, np.inf)
+            # Those before the start have shown it the attitude
+            false = FalseFirst(int(stamps[0]), last_ns, off_m, np.inf)
             return WithoutFirst(changed, other, false)
     return None
 
@@ -283,5 +283,6 @@ def _innovations(
     epochs = concatenate(made)
     row = np.searchsorted(valid_ns, epochs.time_ns - 1000)
     squares[row] = epochs.nis / np.maximum(epochs.rows, 1)
-    off[row] = np.linalg.norm(epochs.innovation[:, :3], axis=1)
+    # A fix may have no height
+    off[row] = np.sqrt(np.nansum(np.square(epochs.innovation[:, :3]), axis=1))
     return squares[rows], off[rows]
