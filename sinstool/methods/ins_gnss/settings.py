@@ -294,6 +294,12 @@ class Settings:
         return kind.with_axes if shown and GYRO_SCALE in kind.blocks else kind
 
     @property
+    def ungated(self) -> Settings:
+        """Without a gate, which rejects what contradicts a start: for runs that judge one."""
+        control = replace(self.control, gate_probability=1.0, adaptive="off")
+        return replace(self, network=None, control=control)
+
+    @property
     def damping(self) -> HeightNetwork:
         """The network, given or recommended."""
         return self.network if self.network is not None else recommended(self.grade)

@@ -133,13 +133,10 @@ def _stretches(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> list[tuple[int, int, FalseStretch]]:
     """First and last stamp of each stretch that is off, ns, and by how much."""
-    control = replace(start.settings.control, gate_probability=1.0, adaptive="off")
     settings = replace(
-        start.settings,
+        start.settings.ungated,
         filter="plain-15",
-        network=None,
         gnss=GnssModel(position_white=POSITION, velocity_white=VELOCITY),
-        control=control,
     )
     gnss, used = source.aiding.gnss, start.used
     assert gnss is not None

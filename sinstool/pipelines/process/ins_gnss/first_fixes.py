@@ -268,9 +268,7 @@ def _innovations(
     out : ndarray of bool, optional
         Epochs that are left out.
     """
-    control = replace(start.settings.control, gate_probability=1.0, adaptive="off")
-    settings = replace(start.settings, network=None, control=control)
-    run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
+    run = InsGnssFilter(start.start, start.settings.ungated, with_baro=False, output=False)
     waiting: GnssEpochs | None = start.used if out is None else start.used.rows(~out)
     made = []
     for increments in parts:

@@ -112,8 +112,7 @@ def smoothed_over(begun: FilterStart, motion: Increments) -> SmoothedStart | Non
         None with too few fixes, or from a start so wrong that the filter diverges.
     """
     # A gate would leave out fixes that a wrong attitude contradicts
-    control = replace(begun.settings.control, gate_probability=1.0, adaptive="off")
-    settings = replace(begun.settings, network=None, control=control)
+    settings = begun.settings.ungated
     fixes = begun.believable_until(int(motion.time_ns[-1]))
     apart = np.unique(fixes.time_ns // APART_NS, return_index=True)[1]
     run = InsGnssFilter(begun.start, settings, with_baro=False, output=False, store=True)

@@ -158,10 +158,8 @@ def _others(start: FilterStart, tilt_sigma: float, bias_sigma: float) -> Iterato
 def _cost(motion: Increments, start: FilterStart) -> float:
     """-2 log likelihood of the innovations; infinite with too few."""
     # Without a gate, which would reject the fixes that contradict an attitude
-    control = replace(start.settings.control, gate_probability=1.0, adaptive="off")
-    settings = replace(start.settings, network=None, control=control)
     fixes = start.believable_until(int(motion.time_ns[-1]))
-    run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
+    run = InsGnssFilter(start.start, start.settings.ungated, with_baro=False, output=False)
     epochs = run.push(motion, fixes).gnss
     epochs = take_rows(epochs, np.isfinite(epochs.nis))
     return float(np.sum(unlikely(epochs))) if len(epochs) >= LEAST_EPOCHS else np.inf

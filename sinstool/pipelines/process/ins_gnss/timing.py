@@ -125,8 +125,7 @@ def with_offsets(
             return None
         settings, fixes = start.settings, start.used
         if not gated:
-            settings = replace(settings, control=replace(settings.control, gate_probability=1.0))
-            fixes = start.believable
+            settings, fixes = settings.ungated, start.believable
         assumed_b, given = stated_b or np.zeros(3), stated_b is not None
         shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b, given)
         if shown is not None:
@@ -270,15 +269,13 @@ def _with_same_start(
     """
     motion = motion_from(source, config, algorithm, first.time_ns)
     fixes = first.believable
-    control, stated_b = replace(first.settings.control, gate_probability=1.0), config.gnss.lever_arm
+    ungated, stated_b = first.settings.ungated, config.gnss.lever_arm
 
     def about(latency: float, arm_b: FloatArray | None) -> ReceiverOffsets | None:
         if motion is None:
             return None
         x, y, z = np.asarray(first.settings.lever_arm_b if arm_b is None else arm_b).tolist()
-        settings = replace(
-            first.settings, control=control, gnss_latency=latency, lever_arm_b=(x, y, z)
-        )
+        settings = replace(ungated, gnss_latency=latency, lever_arm_b=(x, y, z))
         assumed_b, given = stated_b or np.zeros(3), stated_b is not None
         return estimate_offsets(first.start, settings, [motion], fixes, assumed_b, given)
 
@@ -374,11 +371,9 @@ def _median(values: FloatArray) -> float:
 def _loose(settings: Settings) -> Settings:
     """Settings of a filter that hardly follows the fixes."""
     return replace(
-        settings,
+        settings.ungated,
         filter="plain-15",
-        network=None,
         gnss=GnssModel(position_white=LOOSE_POSITION, velocity_white=LOOSE_VELOCITY),
-        control=replace(settings.control, gate_probability=1.0),
     )
 
 

@@ -106,15 +106,15 @@ def latency_of_whole_log(
         return None
     span_ns = min(end_ns - begin_ns, LONGEST_NS)
     stated_b = config.gnss.lever_arm
-    assumed_b, control = stated_b or np.zeros(3), start.settings.control
+    assumed_b = stated_b or np.zeros(3)
 
     @cache  # both searches below begin with the same estimate
     def about(
         latency: float, clock: ClockRate, gated: bool, share: float
     ) -> ReceiverOffsets | None:
         parts = [p for p in joined if p.time_ns[0] < begin_ns + share * span_ns]
-        gate = control if gated else replace(control, gate_probability=1.0)
-        settings = replace(start.settings, gnss_latency=latency, control=gate)
+        settings = start.settings if gated else start.settings.ungated
+        settings = replace(settings, gnss_latency=latency)
         fixes = clock.corrected(start.used if gated else start.believable)
         return estimate_offsets(
             start.start, settings, parts, fixes, assumed_b, stated_b is not None
