@@ -142,6 +142,7 @@ def test_a_receiver_on_another_clock_is_found_by_its_turns(roads, ahead, velocit
 
 
 @pytest.mark.parametrize("vehicle", [boat, flight, multicopter, walk])
+@pytest.mark.slow
 def test_no_clock_is_blamed_for_what_does_not_follow_its_nose(vehicle):
     for seed in (0, 1, 2, 3, 40, 43):
         truth = vehicle(seed, 300.0)

@@ -110,6 +110,7 @@ def test_numbers_in_another_order_show_once_the_vehicle_has_turned(tmp_path, see
 
 
 @pytest.mark.parametrize("vehicle", [flight, walk, multicopter, *VEHICLES.values()])
+@pytest.mark.slow
 def test_right_orientations_agree_whatever_the_vehicle_does(vehicle):
     """A glider that circles looked tilted, and what shakes seemed to turn differently."""
     for seed in range(5):

@@ -164,6 +164,7 @@ def test_one_flip_does_not_make_a_multirotor_one_in_degrees():
     assert not judge(gyro, accel)[0]
 
 
+@pytest.mark.slow
 def test_vehicles_that_never_tilt_much_are_recognised_by_how_they_would_roll_over():
     """By another program's simulation: lift or a road holds the specific force on one axis."""
     motions = (unseen.drive, unseen.flight, unseen.multicopter, unseen.boat, *VEHICLES.values())

@@ -105,6 +105,7 @@ def test_a_right_velocity_agrees_however_noisy_the_fixes_and_late(roads, sigma, 
     ("make", "sigma", "metres"), [(helicopter, 0.3, 234.0), (walk, 0.67, 9.0), (walk, 0.67, 14.0)]
 )
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.1])
+@pytest.mark.slow
 def test_bad_fixes_say_nothing_against_a_velocity(make, sigma, metres, share):
     """Of a slow vehicle each would be a longer way than those it drives."""
     for seed in range(4):

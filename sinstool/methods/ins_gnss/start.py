@@ -35,6 +35,7 @@ def start_at(
     omega_eb_b: ArrayLike = (0.0, 0.0, 0.0),
     gyro_bias: ArrayLike = (0.0, 0.0, 0.0),
     gyro_bias_sigma: float | None = None,
+    of_imu: tuple[FloatArray, FloatArray] | None = None,
 ) -> Start:
     """Start from an attitude and the fixes around its time.
 
@@ -55,6 +56,8 @@ def start_at(
         rad/s.
     gyro_bias_sigma : float, optional
         How well.
+    of_imu : (ndarray, shape (3,), ndarray, shape (3, 3)), optional
+        Velocity of the IMU then, m/s, and its covariance, in place of those of the fixes.
 
     Returns
     -------
@@ -72,10 +75,13 @@ def start_at(
     psi = np.asarray(covariance_attitude_n, dtype=np.float64)
     lever = np.asarray(settings.lever_arm_b, dtype=np.float64)
     when = gnss.time_ns - round(settings.gnss_latency * 1e9)
-    velocity, p_velocity = _velocity(time_ns, when, gnss, settings)
+    swing = rotate(attitude, np.cross(np.asarray(omega_eb_b, dtype=np.float64), lever))
+    if of_imu is None:
+        velocity, p_velocity = _velocity(time_ns, when, gnss, settings)
+    else:
+        velocity, p_velocity = of_imu[0] + swing, of_imu[1]
     position, p_position = _position(time_ns, when, gnss, settings, velocity, p_velocity)
     arm = rotate(attitude, lever)
-    swing = rotate(attitude, np.cross(np.asarray(omega_eb_b, dtype=np.float64), lever))
     velocity = velocity - swing
     lat, lon, height = position
     lat, lon = displaced(lat, lon, height, -arm[0], -arm[1])

@@ -303,6 +303,7 @@ def test_steps_and_swings_between_fixes_show_no_lag_of_an_interval(moving, seed,
 
 @pytest.mark.parametrize("rate", [1.0, 5.0])
 @pytest.mark.parametrize("sigma_v", [0.1, 0.3])
+@pytest.mark.slow
 def test_positions_bound_the_noise_of_velocities(rate, sigma_v):
     for seed in (1, 2):
         bound = velocity_noise_bound(received(cruise(400.0), seed, rate, 0.02, sigma_v))

@@ -38,6 +38,7 @@ def horizontal(truth, solution):
     return np.sum(error**2, axis=1), np.sum(variance, axis=1)
 
 
+@pytest.mark.slow
 def test_a_flight_is_as_far_off_as_its_sigmas_say(tmp_path):
     """At 60 m/s a latency known to 4 ms is worth 0.24 m, whatever the fixes claim."""
     truth = flight(3, 150.0)
@@ -88,6 +89,7 @@ def test_velocity_may_be_of_half_a_sample_ago(tmp_path):
     assert max(ratios) < 2.0 and min(ratios) > 0.5
 
 
+@pytest.mark.slow
 def test_samples_may_be_of_half_a_sample_ago(tmp_path):
     """Means over 20 ms, read as rates: at 60 deg/s they are 0.6 deg off, as nothing shows."""
     outside, known = [], []

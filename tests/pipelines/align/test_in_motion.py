@@ -219,6 +219,7 @@ def test_quiet_gyros_in_steady_motion_do_not_show_north(tmp_path, seed):
 
 
 @pytest.mark.parametrize(("seed", "seconds"), [(5, 180), (7, 120)])
+@pytest.mark.slow
 def test_alignment_begins_later_where_the_first_motion_shows_nothing(tmp_path, seed, seconds):
     """An aircraft that flies straight for minutes: cheap gyros do not last until its first turn."""
     truth = straight_flight(seed)
@@ -312,6 +313,7 @@ def test_a_gyro_bias_that_earlier_fixes_showed_is_not_searched_for_again(
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.slow
 def test_spans_that_are_too_short_for_positions_alone_are_skipped(tmp_path, seed):
     """Spans of 15 s, in which a large bias is searched for, refused the whole alignment."""
     chip = unseen_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)

@@ -57,6 +57,7 @@ def test_a_wrong_clock_is_reported_once(tmp_path):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.slow
 def test_gyros_that_no_noise_explains_are_said_to_be_wrong(tmp_path, seed):
     """An axis turned round: as a gyro of much noise it fits all innovations, and is off by much."""
     data = record(drive(seed, 200.0, 10.0), GRADES["industrial"], seed)

@@ -67,6 +67,7 @@ def by_fixes_alone(data):
 
 
 @pytest.mark.parametrize("spoil", [by_odometry, by_course, by_fixes_alone])
+@pytest.mark.slow
 def test_fixes_are_navigated_whatever_velocity_is_beside_them(tmp_path, town, spoil):
     data, more = spoil(record(town, CHEAP, 1, gnss_rate=5.0, sigma=0.8))
     log = write(tmp_path / "log.mcap", data, more)
@@ -89,6 +90,7 @@ def knocked(data, at):
 
 
 @pytest.mark.parametrize("sigma_v", [0.1, None])
+@pytest.mark.slow
 def test_a_receiver_that_wanders_at_first_moves_no_parked_car(tmp_path, sigma_v):
     truth = drive(32, 240.0, rest=120.0)
     data = knocked(record(truth, CHEAP, 32, gnss_rate=5.0, sigma=0.8, sigma_v=sigma_v), 12.0)
@@ -153,6 +155,7 @@ def begun_in_motion():
 @pytest.mark.parametrize("given", [False, True])
 @pytest.mark.parametrize("velocity", [False, True])
 @pytest.mark.parametrize("seed", [41, 42])
+@pytest.mark.slow
 def test_the_bias_of_a_moving_car_is_found(tmp_path, begun_in_motion, seed, velocity, given):
     truth, data, angles = begun_in_motion[seed]
     if not velocity:
@@ -184,6 +187,7 @@ def test_one_fix_a_second_is_enough_for_a_start_with_a_given_attitude(tmp_path, 
     assert np.sqrt(np.mean(off**2)) < 1.5 and np.sqrt(np.mean(heading**2)) < 5.0
 
 
+@pytest.mark.slow
 def test_motion_shows_the_bias_of_a_car_that_never_rests(tmp_path, begun_in_motion):
     truth, data, angles = begun_in_motion[41]
     early = data.seconds < 55.0

@@ -55,6 +55,7 @@ def processed(folder, data, **options):
 
 
 @pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.slow
 def test_a_false_fix_after_an_outage_is_left_out(tmp_path, smooth):
     """It was taken for the way that the IMU had missed: 3.4 m off at 46 sigmas, status 0."""
     truth = drive(4, 300.0, 20.0)

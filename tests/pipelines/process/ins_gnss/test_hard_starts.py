@@ -25,6 +25,7 @@ ON_A_MAST = np.array([-0.15, 0.2, -0.4])
 CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 
 
+@pytest.mark.slow
 def test_an_antenna_that_swings_shows_a_latency_of_a_fifth_of_its_swing(tmp_path):
     """About a wrong latency there are other minima: antennas elsewhere explain the swing too."""
     truth = tractor(11, 200.0)

@@ -89,6 +89,7 @@ def idling(path, grade, seed):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_sensors_that_an_idling_engine_shakes_are_known_by_their_noise_in_motion(tmp_path):
     """Heading was known to 0.37 deg where it is known to 0.07."""
     log = idling(tmp_path / "log.mcap", "tactical", 3)
@@ -469,6 +470,7 @@ def test_sensors_of_consumers_are_known_as_well_as_they_say(tmp_path):
     assert 0.6 < tilt < 1.3 and 0.5 < heading < 1.5
 
 
+@pytest.mark.slow
 def test_misaligned_accelerometers_are_in_the_first_tilt(tmp_path):
     """With their bias of 50 ug alone it was 3 mdeg where it was 21 off, seven sigmas."""
     off = []
@@ -535,6 +537,7 @@ def test_a_drift_makes_no_better_imu_that_innovations_deny(tmp_path, seed):
     assert start_of(log, gnss={"gnss_latency": 0.0}).grade.grade in ("consumer", "mems")
 
 
+@pytest.mark.slow
 def test_a_configured_grade_that_the_drift_contradicts_is_reported(tmp_path):
     """Status 0 before, with headings 5 sigmas off."""
     truth = drive(9, 260.0, 20.0)

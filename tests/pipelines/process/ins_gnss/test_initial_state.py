@@ -11,9 +11,17 @@ from sinstool.core.errors import AlignmentError
 from sinstool.core.timeline import SECOND
 from sinstool.pipelines.process.ins_gnss import initial_state
 from sinstool.pipelines.process.ins_gnss.initial_state import _how
-from tests.helpers.filter_logs import start_of
+from tests.helpers.filter_logs import first_start_of, start_of
 from tests.helpers.imulogs import T0
-from tests.helpers.unseen_drives import LEVER, record, sensor_errors, straight_flight, write
+from tests.helpers.unseen_drives import (
+    GRADES,
+    LEVER,
+    multicopter,
+    record,
+    sensor_errors,
+    straight_flight,
+    write,
+)
 
 CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 
@@ -46,6 +54,7 @@ def test_a_grade_is_asked_for_where_it_may_help(monkeypatch, uncertain, rests, h
 
 
 @pytest.mark.parametrize("seed", [5, 7])
+@pytest.mark.slow
 def test_an_aircraft_that_flies_straight_for_minutes_is_aligned_by_its_turns(tmp_path, seed):
     """Refused until alignment began later, too: cheap gyros do not last until the first turn."""
     truth = straight_flight(seed)
@@ -61,3 +70,22 @@ def test_an_aircraft_that_flies_straight_for_minutes_is_aligned_by_its_turns(tmp
     sigma = np.sqrt(np.diag(start.start.covariance_attitude_n))
     assert (np.abs(off) < 3.5 * sigma).all()
     assert np.rad2deg(sigma).max() < 12.0
+
+
+@pytest.mark.parametrize("seed", [20, 24, 28])
+@pytest.mark.parametrize(("rate", "sigma"), [(1.0, 0.02), (5.0, 0.5)])
+def test_the_first_velocity_by_positions_is_that_of_the_imu(tmp_path, seed, rate, sigma):
+    """Off by up to 2.6 m/s at 0.3 before: in seconds an antenna swings to and fro."""
+    truth = multicopter(seed, 100.0)
+    data = record(truth, GRADES["tactical"], seed, gnss_rate=rate, sigma=sigma)
+    log = write(tmp_path / "log.mcap", data)
+    start, _ = first_start_of(
+        log,
+        navigation={"mode": "ins-gnss"},
+        input={"gyro_kind": "mean-rate"},
+        gnss={"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0},
+    )
+    row = int(np.argmin(np.abs(truth.seconds - (start.time_ns - T0) / SECOND)))
+    off = start.start.nav[3:6] - truth.velocity_n[row]
+    assert (np.abs(off) < 3.5 * np.sqrt(np.diag(start.start.covariance_velocity_n))).all()
+    assert np.abs(off).max() < 0.1 + sigma

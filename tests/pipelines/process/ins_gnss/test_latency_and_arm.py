@@ -90,6 +90,7 @@ def test_straight_on_at_one_speed_shows_nothing(tmp_path):
         assert named(result) == {}
 
 
+@pytest.mark.slow
 def test_right_settings_are_not_contradicted_by_smooth_turns(tmp_path, calm):
     for seed, latency, sigma_v in ((1, 0.0, None), (2, 0.1, 0.05)):
         log = logged(tmp_path, calm, seed, gnss_rate=4.0, sigma_v=sigma_v, latency=latency)
@@ -138,6 +139,7 @@ def test_an_antenna_two_metres_away_is_named_with_its_place(tmp_path, road):
 @pytest.mark.parametrize(
     ("moving", "latency", "sigma_v"), [(drive, 0.0, 0.05), (drive, 0.1, None), (walk, 0.0, None)]
 )
+@pytest.mark.slow
 def test_an_antenna_of_which_nobody_said_where_it_is_is_found(tmp_path, moving, latency, sigma_v):
     truth = moving(7, 200.0)
     noise = {"sigma": 0.02, "sigma_v": sigma_v, "latency": latency, "gnss_rate": 5.0}
@@ -384,6 +386,7 @@ def test_where_all_fixes_would_be_left_out_none_is():
     assert offsets.latency_s == pytest.approx(0.1, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_calm_flight_that_hardly_shows_its_latency_says_so(tmp_path):
     """Estimates stay near the latency they were made about, which is no reason to believe it."""
     truth = flight(3, 150.0)

@@ -104,6 +104,7 @@ def test_a_walk_whose_few_velocity_changes_fit_several_headings(tmp_path, seed):
         (multicopter, 5, [0.0, 0.0, 3.0], False),
     ],
 )
+@pytest.mark.slow
 def test_a_stated_attitude_is_compared_with_fixes_without_velocity(
     tmp_path, kind, seed, off_deg, denied
 ):

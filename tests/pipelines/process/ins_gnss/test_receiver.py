@@ -269,6 +269,7 @@ def test_fixes_are_as_noisy_as_they_show_and_no_less_than_the_receiver_says(
         (0.4, {"gnss": {"gnss_sigma_v": 0.4}}, 0.4, False),  # in all as the option says: 0.44
     ],
 )
+@pytest.mark.slow
 def test_velocities_without_covariance_are_as_noisy_as_they_show(
     tmp_path, noise, groups, expected, said
 ):

@@ -25,6 +25,7 @@ def started(folder, seed, times, time=100.0, grade="tactical", **options):
 
 
 @pytest.mark.parametrize(("seed", "times"), [(1, 4.0), (2, 2.0), (3, 8.0)])
+@pytest.mark.slow
 def test_a_wander_that_the_receiver_does_not_state(tmp_path, seed, times):
     """It left a navigation 11 sigmas off, and the IMU taken for a poor one.
 
@@ -47,12 +48,14 @@ def test_a_wander_that_the_receiver_does_not_state(tmp_path, seed, times):
 
 @pytest.mark.parametrize("seed", [4, 5])
 @pytest.mark.parametrize("grade", ["tactical", "industrial"])
+@pytest.mark.slow
 def test_fixes_with_white_noise_only_do_not_wander(tmp_path, seed, grade):
     start = started(tmp_path, seed, 0.0, grade=grade)
     assert start.slow_errors == (1.0, 1.0)
     assert not any("fixes wander by" in text for text in start.warnings)
 
 
+@pytest.mark.slow
 def test_what_options_say_of_the_fixes_stays(tmp_path):
     start = started(tmp_path, 1, 4.0, filter={"gnss_lasting": 0.5})
     assert start.slow_errors == (1.0, 1.0)
@@ -68,6 +71,7 @@ def test_fixes_wander_beside_an_imu_of_a_stated_grade(tmp_path, seed):
 
 
 @pytest.mark.parametrize("seed", [4, 5])
+@pytest.mark.slow
 def test_what_a_stated_grade_lacks_is_not_taken_for_errors_of_fixes(tmp_path, seed):
     stated = {"imu_grade": "navigation"}
     start = started(tmp_path, seed, 0.0, grade="industrial", navigation=stated)
@@ -80,6 +84,7 @@ def test_what_options_say_of_the_noise_of_the_imu_stays(tmp_path):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.slow
 def test_a_filter_without_states_for_slow_errors_has_them_in_its_sigmas(tmp_path, seed):
     """It follows fixes that wander: 4 to 10 of its sigmas off before."""
     truth = drive(seed, 300.0, 20.0)
@@ -118,6 +123,7 @@ def test_noisy_fixes_with_white_noise_only_keep_their_sigmas(tmp_path, seed):
 
 
 @pytest.mark.parametrize("seed", [4, 5])
+@pytest.mark.slow
 def test_a_good_imu_shows_that_fixes_do_not_wander(tmp_path, seed):
     start = started(tmp_path, seed, 0.0)
     assert start.expected_slow_errors == (1.0, 1.0)
@@ -125,6 +131,7 @@ def test_a_good_imu_shows_that_fixes_do_not_wander(tmp_path, seed):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.slow
 def test_the_velocity_of_fixes_that_a_receiver_smooths_is_not_believed(tmp_path, seed):
     """All that shows from fix to fix is a noise of millimetres.
 

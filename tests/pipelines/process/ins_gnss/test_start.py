@@ -27,6 +27,7 @@ from tests.helpers.unseen_drives import (
 from tests.helpers.unseen_errors import wandering
 
 
+@pytest.mark.slow
 def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatch):
     """Where its drift gives an IMU another grade all begins anew, but for the first attitude."""
     data = record(drive(1, 400.0, 20.0), GRADES["tactical"], 1, gnss_rate=2.0, sigma=0.4)

@@ -67,6 +67,7 @@ def test_each_constraint_makes_outages_shorter(tmp_path):
     assert squares["all"] < 0.8**2 * squares["axle"]
 
 
+@pytest.mark.slow
 def test_mount_axle_and_wheels_are_found(tmp_path):
     car = simulated(
         tmp_path / "car.mcap", "drive", *CAR, "--seed", "6", "--wheels", "odometry",
@@ -196,6 +197,7 @@ def test_what_is_no_car_is_left_alone(tmp_path, motion):
     assert chosen["filter"]["vehicle"]["rest_s"] == 0.0
 
 
+@pytest.mark.slow
 def test_a_ferry_does_not_carry_the_constraint_away(tmp_path):
     squares = {"none": 0.0, "auto": 0.0}
     for seed in (4, 5):
@@ -238,6 +240,7 @@ def test_wheels_that_are_read_once_a_second_are_used(tmp_path):
     assert nees(*errors(car, solution)["position"])[0] < 2.5
 
 
+@pytest.mark.slow
 def test_wheels_that_are_read_too_seldom_are_said_to_be_unused(tmp_path):
     car = simulated(
         tmp_path / "car.mcap", "drive", *CAR, "--seed", "5", "--wheels", "twist",
@@ -286,6 +289,7 @@ def with_transform(path, out, roll, pitch, yaw):
 
 
 @pytest.mark.parametrize("yaw", [5.0, 95.0])
+@pytest.mark.slow
 def test_a_mount_of_the_logs_own_transforms_serves_where_motion_agrees(car, tmp_path, yaw):
     log = with_transform(car, tmp_path / "car.mcap", 2.0, -4.0, yaw)
     chosen, solution = run(log, input={"wheels": "none"})

@@ -31,6 +31,7 @@ def late(request, tmp_path_factory):
     return write(tmp_path_factory.mktemp("late") / "log.mcap", data), latency
 
 
+@pytest.mark.slow
 def test_twenty_minutes_show_a_latency_better_than_the_first_six(late):
     """With some half of the sigma: the first part has 400 s of motion, the log 1080 s."""
     log, latency = late
@@ -46,6 +47,7 @@ def test_twenty_minutes_show_a_latency_better_than_the_first_six(late):
     assert shown["clock_ppm"] == 0.0
 
 
+@pytest.mark.slow
 def test_a_latency_that_is_given_is_used_as_it_is(late):
     log, latency = late
     gnss = {**GROUPS["gnss"], "gnss_latency": latency}
@@ -69,6 +71,7 @@ def no_start(*_):
 @pytest.mark.parametrize(
     "seed, rate, begins_anew", [(5, 40e-6, True), (7, -25e-6, True), (5, 40e-6, False)]
 )
+@pytest.mark.slow
 def test_a_clock_of_the_receivers_own_is_corrected(tmp_path, monkeypatch, seed, rate, begins_anew):
     """It would move the solution by half a metre.
 
