@@ -322,6 +322,20 @@ class GnssEpochs(Stream):
 
 
 @dataclass(frozen=True, repr=False)
+class DerivedEpochs(GnssEpochs):
+    """Epochs with velocities that are derived from their positions.
+
+    Attributes
+    ----------
+    derived_s : ndarray, shape (n,)
+        Half of the time over which a velocity is a mean, s: it is as if the slope of a parabola
+        through the positions of that time, whatever the number and the places of the fixes.
+    """
+
+    derived_s: np.ndarray
+
+
+@dataclass(frozen=True, repr=False)
 class Encoder(Stream):
     """Position of one joint.
 

@@ -24,7 +24,7 @@ import numpy as np
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import cross, dcm, product, row, to_unit
-from sinstool.core.rotation import to_dcm
+from sinstool.core.rotation import skew, to_dcm
 from sinstool.core.streams import take_rows
 
 # A row, and the head of the state, is: time, attitude, alpha, its integral, sensitivities.
@@ -65,8 +65,10 @@ class InertialRows:
         Integral of ``[C f x]`` times the previous one, m/s.
     accel_scale_velocity : ndarray, shape (n, 3, 3)
         Integral of ``C diag(f)``, m/s.
-    force_b, rate_b : ndarray, shape (n, 3)
-        Specific force and angular rate, body axes, between the middles of the intervals.
+    force_b : ndarray, shape (n, 3)
+        Specific force, body axes, between the middles of the intervals.
+    swing : ndarray, shape (n, 3, 3)
+        Rate of ``C``, ``C [omega x]``: velocity of the antenna against the IMU per lever arm, 1/s.
     """
 
     time_s: FloatArray
@@ -79,7 +81,7 @@ class InertialRows:
     gyro_scale_velocity: FloatArray
     accel_scale_velocity: FloatArray
     force_b: FloatArray
-    rate_b: FloatArray
+    swing: FloatArray
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -110,9 +112,8 @@ class InertialRows:
         lever = np.asarray(lever_arm_b, dtype=np.float64)
         if not np.any(lever):
             return self
-        c = to_dcm(self.q)
-        alpha = self.alpha + np.einsum("nij,nj->ni", c, np.cross(self.rate_b, lever))
-        return replace(self, alpha=alpha, xi=self.xi + c @ lever)
+        xi = self.xi + to_dcm(self.q) @ lever
+        return replace(self, alpha=self.alpha + self.swing @ lever, xi=xi)
 
     @staticmethod
     def from_table(table: FloatArray) -> InertialRows:
@@ -132,7 +133,7 @@ class InertialRows:
             matrix(_GG),
             matrix(_KA),
             table[:, _FORCE:_RATE],
-            table[:, _RATE:_SHARE],
+            to_dcm(table[:, _Q:_ALPHA]) @ skew(table[:, _RATE:_SHARE]),
         )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
-from sinstool.core.streams import GnssEpochs, Imu
+from sinstool.core.streams import DerivedEpochs, GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.inflight import (
     INCONSISTENT_CHI2,
@@ -393,6 +393,7 @@ def gnss_fixes(
         height,
         velocity,
         sigma_v,
+        rows.derived_s if isinstance(rows, DerivedEpochs) else None,
     )
     return fixes, warnings
 

@@ -83,6 +83,9 @@ class GnssFixes:
         North, east, down, m/s; NaN where missing.
     sigma_v : ndarray, shape (m,), optional
         Velocity noise of each fix, m/s per axis.
+    derived_s : ndarray, shape (m,), optional
+        Of velocities that are derived from positions, see
+        :class:`~sinstool.core.streams.DerivedEpochs`; by default they are of an instant.
 
     Raises
     ------
@@ -98,11 +101,11 @@ class GnssFixes:
     height: FloatArray
     velocity_n: FloatArray
     sigma_v: FloatArray | None = None
+    derived_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
         scalars = ["latitude", "longitude", "height"]
-        if self.sigma_v is not None:
-            scalars.append("sigma_v")
+        scalars += [name for name in ("sigma_v", "derived_s") if getattr(self, name) is not None]
         _columns(self, (("velocity_n", 3), *((name, 0) for name in scalars)))
         _forward(self.time_ns, "GNSS")
 

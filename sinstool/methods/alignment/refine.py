@@ -123,7 +123,7 @@ class Refiner:
         self._stretches = np.unique(number, return_index=True)[1]
         self._rows = (
             np.einsum("nij,nj->ni", c, run.force_b),
-            c @ cross_columns(run.rate_b, np.broadcast_to(np.eye(3), c.shape)),
+            np.ascontiguousarray(run.swing),
             step,
             np.exp(-step / grade.bias_time_s),
             prior,

@@ -8,11 +8,13 @@ import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.order_statistics import median
+from sinstool.core.rotation import skew, to_dcm
 from sinstool.core.streams import take_rows
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment import gate, preparation
 from sinstool.methods.alignment.accumulation import InertialRows, accumulate
 from sinstool.methods.alignment.covariance import worst_sigma
+from sinstool.methods.alignment.derived_rates import GRID_S, slopes
 from sinstool.methods.alignment.inflight_types import (
     AlignmentSettings,
     GnssFixes,
@@ -142,8 +144,7 @@ def candidates(
     if (imu.time_ns[-1] - origin) * 1e-9 < preparation.MIN_SPAN_S - 1.0 or len(inside) < 3:
         reasons.append(f"{where}: too short, or without fixes")
         return []
-    rows = accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, inside.time_ns, origin)
-    rows = _swinging(rows, imu, origin).at_antenna(settings.lever_arm_b)
+    rows = _as_received(imu, inside).at_antenna(settings.lever_arm_b)
     motion = gate.dynamics(imu, settings.limits.smooth)
     restless = np.cumsum(~motion.within(settings.limits).all(axis=0), dtype=np.int64)
     sample = np.searchsorted(imu.time_ns, inside.time_ns)
@@ -176,13 +177,27 @@ def candidates(
     return segments
 
 
-def _swinging(rows: InertialRows, imu: ImuIncrements, origin_ns: int) -> InertialRows:
-    """Rows with the rates that swing an antenna: as a receiver follows them."""
+def _as_received(imu: ImuIncrements, fixes: GnssFixes) -> InertialRows:
+    """The inertial side at fixes, whose velocities follow the motion as `fixes` says."""
+    origin_ns, asked_ns = int(imu.time_ns[0]), fixes.time_ns
+    if fixes.derived_s is not None:
+        every = max(round(GRID_S * 1e9 / float(median(np.diff(imu.time_ns)))), 1)
+        asked_ns = np.union1d(asked_ns, imu.time_ns[1::every])
+    made = accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, asked_ns, origin_ns)
+    rows = made.rows(np.searchsorted(asked_ns, fixes.time_ns))
+    # The loops of a receiver do not follow vibration
     interval = np.diff(imu.time_ns, prepend=2 * imu.time_ns[0] - imu.time_ns[1]) * 1e-9
     rates = followed_rates(imu.time_ns, interval, imu.delta_theta)
     seconds = (imu.time_ns - origin_ns) * 1e-9
     rate_b = np.column_stack([np.interp(rows.time_s, seconds, column) for column in rates.T])
-    return replace(rows, rate_b=rate_b)
+    rows = replace(rows, swing=to_dcm(rows.q) @ skew(rate_b))
+    if fixes.derived_s is None:
+        return rows
+    values = np.concatenate([made.xi, to_dcm(made.q).reshape(-1, 9)], axis=1)
+    slope, whole = slopes(made.time_s, values, rows.time_s, fixes.derived_s)
+    alpha = np.where(whole[:, None], slope[:, :3], rows.alpha)
+    swing = np.where(whole[:, None, None], slope[:, 3:].reshape(-1, 3, 3), rows.swing)
+    return replace(rows, alpha=alpha, swing=swing)
 
 
 def _bounds(

@@ -309,8 +309,7 @@ def explain_residuals(solution: Solution, segment: Segment) -> str:
     rows, pairs = segment.rows, solution.pairs
     c = to_dcm(rows.q)
     late = -np.einsum("nij,nj->ni", c, rows.force_b)[:, :, None]
-    apart = c @ pairing.cross_columns(rows.rate_b, np.broadcast_to(np.eye(3), c.shape))
-    effects = np.concatenate([late, apart], axis=2)
+    effects = np.concatenate([late, rows.swing], axis=2)
     difference = effects[pairs.newer] - np.where(
         (pairs.older >= 0)[:, None, None], effects[pairs.older], effects.mean(axis=0)
     )

@@ -18,7 +18,7 @@ from sinstool.core.monotone_cubic import integral
 from sinstool.core.order_statistics import median
 from sinstool.core.parts import kernel
 from sinstool.core.rotation import wrapped
-from sinstool.core.streams import GnssEpochs, concatenate
+from sinstool.core.streams import DerivedEpochs, GnssEpochs, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.latency import NOT_OBSERVABLE, Latency, correlate
 
@@ -89,14 +89,18 @@ def with_velocities(
     position = np.stack([north, east, -(rows.height - rows.height[0])], axis=1)
     half = _half(t, sigma_m)
     velocity, sigma, good = np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.bool_)
+    over = np.empty(n)
     short = 0.5 * (LEAST - 1) * float(median(np.diff(t)))
     middle = np.clip(t, short, max(t[-1] - short, short)) if ends and short > 0.5 * half else t
     for begin in range(0, n, BLOCK):
         here = np.arange(begin, min(begin + BLOCK, n))
-        velocity[here], sigma[here], good[here] = _slopes(t, position, middle, here, half, sigma_m)
+        velocity[here], sigma[here], over[here], good[here] = _slopes(
+            t, position, middle, here, half, sigma_m
+        )
     if wander is not None:
         sigma = np.sqrt(sigma**2 + _shared(t, half, sigma_m, wander))
-    return replace(rows, velocity_n=velocity, sigma_velocity_n=sigma).rows(good)
+    columns = {**vars(rows), "velocity_n": velocity, "sigma_velocity_n": sigma}
+    return DerivedEpochs(**columns, derived_s=over).rows(good)
 
 
 def worse_than_usual(gnss: GnssEpochs) -> BoolArray:
@@ -212,8 +216,8 @@ def _slopes(
     here: np.ndarray,
     half: float,
     sigma_m: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slopes of the parabolas at some of the fixes, their sigmas, and which are any good.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Slopes of the parabolas at some of the fixes, their sigmas, `derived_s`, and which are good.
 
     Parameters
     ----------
@@ -245,7 +249,9 @@ def _slopes(
     more = np.maximum(1.0, 5.0 * (off / np.maximum(long, 1e-9)) ** 2 - 1.0)
     bend[aside] *= (more * reached[aside] / np.maximum(long, 1e-9))[:, None]
     sigma = np.hypot(sigma_m * np.sqrt(np.abs(inverse[:, 1, 1]))[:, None], bend)
-    return fitted[:, 1], np.maximum(sigma, LEAST_SIGMA), good
+    # A third derivative adds to the slope what it does with fixes at all times of this window
+    over = np.sqrt(moments[:, 4] / (0.6 * np.where(good, moments[:, 2], 1.0)))
+    return fitted[:, 1], np.maximum(sigma, LEAST_SIGMA), over, good
 
 
 def _size(matrices: np.ndarray) -> np.ndarray:
