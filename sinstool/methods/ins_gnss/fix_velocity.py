@@ -36,6 +36,10 @@ LEAST_FIXES = 40
 # Beside an inertial navigation only its errors count: m/s^2 of a wrong attitude, and the change of
 # speed by a turn while fixes are this much older than assumed, s; not across longer gaps, s.
 LEANT, LATE_S, LONGEST_GAP_S = 5.0, 0.25, 5.0
+# Where the residuals of a parabola are larger than noise, its slope is off by so many times the
+# excess over half its length: by a bend that it does not follow, or, beside an IMU whose motion is
+# smoothed in the same way, by noise alone.
+BENT, NOISY = 4.0, 1.0
 # A sigma of so many times the usual one belongs to a fix with an error that lasts.
 WORSE = 3.0
 # A lag of this many sigmas is not observable unless it lowers the sum of squares by this, in units
@@ -61,8 +65,9 @@ def with_velocities(
         Noise of a position from one fix to the next, m.
     wander : float, optional
         Change of a slowly varying error of positions within a second, m. With it the sigmas are
-        those for a filter that takes the noise of velocities for white: velocities within half a
-        window are from the same fixes, and count as one.
+        those for an alignment that follows the motion as `derived_s` says, and takes the noise of
+        velocities for white: velocities within half a window are from the same fixes, and count as
+        one.
     ends : bool
         The first and last fixes, too, where windows about them hold too few.
 
@@ -71,7 +76,8 @@ def with_velocities(
     GnssEpochs
         Those with enough fixes around them. The sigmas of velocities follow from `sigma_m`, and
         from the excess of residuals over it, which counts as a third derivative: four times their
-        rms over half the window's length; with `ends` four times as much at the ends of one.
+        rms over half the window's length (once with `wander`); with `ends` four times as much at
+        the ends of one.
     """
     # One that is far off would spoil the velocities of all around it
     there = gnss.has_position & np.isfinite(gnss.height)
@@ -95,7 +101,7 @@ def with_velocities(
     for begin in range(0, n, BLOCK):
         here = np.arange(begin, min(begin + BLOCK, n))
         velocity[here], sigma[here], over[here], good[here] = _slopes(
-            t, position, middle, here, half, sigma_m
+            t, position, middle, here, half, sigma_m, BENT if wander is None else NOISY
         )
     if wander is not None:
         sigma = np.sqrt(sigma**2 + _shared(t, half, sigma_m, wander))
@@ -216,6 +222,7 @@ def _slopes(
     here: np.ndarray,
     half: float,
     sigma_m: float,
+    excess: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Slopes of the parabolas at some of the fixes, their sigmas, `derived_s`, and which are good.
 
@@ -223,6 +230,8 @@ def _slopes(
     ----------
     middle : ndarray, shape (n,)
         Times about which the windows of all fixes lie.
+    excess : float
+        By how much the excess of the residuals counts, over half the window.
     """
     size = len(here)
     moments, right = np.zeros((size, 5)), np.zeros((size, 3, 3))
@@ -240,7 +249,7 @@ def _slopes(
     left = squares - np.einsum("kpi,kpi->ki", fitted, right)
     # Twice what noise leaves is still noise
     bent = np.maximum(left - 2.0 * sigma_m**2 * np.maximum(count - 3.0, 1.0)[:, None], 0.0)
-    bend = 4.0 * np.sqrt(bent / np.maximum(count, 1.0)[:, None])
+    bend = excess * np.sqrt(bent / np.maximum(count, 1.0)[:, None])
     reached = np.abs(ends).max(axis=1)
     bend /= np.where(reached > 0.0, reached, 1.0)[:, None]
     aside = middle[here] != t[here]

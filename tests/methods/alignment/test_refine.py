@@ -54,7 +54,7 @@ def test_one_pass_is_least_squares(monkeypatch):
         h[k, :, 12:15] = -(rows.accel_scale_velocity[k] - first.accel_scale_velocity[0])
         gain = rows.gyro_scale_velocity[k] - first.gyro_scale_velocity[0]
         h[k, :, 15:18] = gain - skew(alpha) @ k0
-        h[k, :, 18:21] = c[k] @ skew(rows.rate_b[k])
+        h[k, :, 18:21] = rows.swing[k]
         h[k, :, 21] = -c[k] @ rows.force_b[k]
     z = segment.beta() @ dcm - (rows.alpha - first.alpha)
     s = STILL
