@@ -25,7 +25,7 @@ def velocity_by_positions(
     seconds: FloatArray,
     place_n: FloatArray,
     force_way_n: FloatArray,
-    gravity_n: FloatArray,
+    fall_n: FloatArray,
     sigma_m: FloatArray,
     covariance_attitude_n: FloatArray,
     gyro_bias_sigma: float,
@@ -41,8 +41,8 @@ def velocity_by_positions(
         Of the IMU, NED, m, from any place.
     force_way_n : ndarray, shape (n, 3)
         Second integral of the specific force from that time, NED, m.
-    gravity_n : ndarray, shape (3,)
-        m/s^2.
+    fall_n : ndarray, shape (3,)
+        Gravity and the Coriolis acceleration, NED, m/s^2.
     sigma_m : ndarray, shape (3,)
         White noise of positions, m.
     covariance_attitude_n : ndarray, shape (3, 3)
@@ -60,7 +60,7 @@ def velocity_by_positions(
     if n < LEAST:
         return None
     t = seconds[:, None, None]
-    line = place_n - force_way_n - 0.5 * gravity_n * seconds[:, None] ** 2
+    line = place_n - force_way_n - 0.5 * fall_n * seconds[:, None] ** 2
     turn, one = -skew(force_way_n), np.broadcast_to(np.eye(3), (n, 3, 3))
     model = np.concatenate([one, t * one, turn, t * turn / 3.0, 0.5 * t**2 * one], axis=2)
     model = (model / sigma_m[:, None]).reshape(3 * n, 15)

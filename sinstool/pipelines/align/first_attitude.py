@@ -235,6 +235,7 @@ def in_flight(
     if result.status in ("failed", "unobservable"):
         reasons = "; ".join(result.warnings) or "no reason is known"
         answer = "choose another span with --align-start and --align-end, or another --align"
+        misfit = max(result.chi2, result.errors.chi2 if result.errors is not None else 0.0)
         clock = next((f for f in source.findings if f.kind == RECEIVER_CLOCK), None)
         if clock is not None:
             answer = f"{clock.answer} ({clock.text}), or {answer}"
@@ -243,7 +244,7 @@ def in_flight(
             f" {reasons}",
             answer,
             uncertain=result.status == "unobservable",
-            consistent=not result.chi2 > INCONSISTENT_CHI2,
+            consistent=not misfit > INCONSISTENT_CHI2,
         )
     return _from_motion(moving, source, config, time_ns, later_ns)
 

@@ -9,29 +9,20 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
-from sinstool.core.arrays import FloatArray
-from sinstool.core.earth import gravity_n
 from sinstool.core.errors import AlignmentError
-from sinstool.core.order_statistics import median
-from sinstool.core.rotation import conjugate, multiply, rotate
 from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.methods.alignment.accumulation import accumulate
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.alignment.preparation import rough_fixes
-from sinstool.methods.ins_gnss.fix_velocity import track_of, with_velocities
+from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings, Start
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
-from sinstool.methods.ins_gnss.velocity_at_start import velocity_by_positions
 from sinstool.methods.strapdown.followed_rates import FOLLOWED_S
 from sinstool.pipelines.align.first_attitude import align, in_flight, with_bias_in_motion
-from sinstool.pipelines.align.in_motion import increments
+from sinstool.pipelines.process.ins_gnss.start_velocity import velocity_around
 from sinstool.survey.grade import bias_at_rest
 from sinstool.survey.source import Source, rate_blocks
-
-# Positions within so many seconds, and so many fixes, before and after a start show its velocity.
-AROUND_S, AROUND_FIXES = 5.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -114,6 +105,11 @@ def find_start(
             bias_sigma = settings.imu.gyro_instability
         sample = _sample(source, config, alignment.time_ns)
         time_ns = int(sample.time_ns[0])
+        of_imu = None
+        if fixes.derived:
+            of_imu = velocity_around(
+                source, config, settings, fixes.gnss, alignment, covariance, time_ns
+            )
         start = start_at(
             time_ns,
             alignment.q_nb,
@@ -121,7 +117,7 @@ def find_start(
             fixes.gnss,
             settings,
             omega_eb_b=_followed(source, config, time_ns) - alignment.gyro_bias,
-            of_imu=_by_positions(source, config, settings, fixes, alignment, time_ns),
+            of_imu=of_imu,
             gyro_bias=alignment.gyro_bias,
             gyro_bias_sigma=bias_sigma,
         )
@@ -188,72 +184,6 @@ def _sample(source: Source, config: ProcessConfig, time_ns: int) -> Imu:
     for block in rate_blocks(source, config, time_ns):
         return block.rows(slice(0, 1))
     raise AlignmentError("GNSS begins after the last IMU sample", "check the clocks")
-
-
-def _by_positions(
-    source: Source,
-    config: ProcessConfig,
-    settings: Settings,
-    fixes: StartFixes,
-    alignment: Alignment,
-    time_ns: int,
-) -> tuple[FloatArray, FloatArray] | None:
-    """Velocity of the IMU at a start, and its covariance, by the positions around it.
-
-    Returns
-    -------
-    (ndarray, shape (3,), ndarray, shape (3, 3)) or None
-        m/s and (m/s)^2; None with a receiver's own velocities, or with too few positions between
-        the gaps of the IMU before and after.
-    """
-    if not fixes.derived:
-        return None
-    late, every = round(settings.gnss_latency * SECOND), np.diff(fixes.gnss.time_ns)
-    reach = max(AROUND_S * SECOND, AROUND_FIXES * float(median(every)) if len(every) else 0.0)
-    near = fixes.gnss.rows(np.abs(fixes.gnss.time_ns - late - time_ns) <= reach)
-    if not len(near):
-        return None
-    ends = int(near.time_ns[-1]) - late, int(near.time_ns[0]) - late
-    imu = increments(
-        source, config, alignment.gyro_bias, max(ends[0], time_ns), min(ends[1], time_ns)
-    )
-    piece = np.cumsum(np.diff(imu.time_ns, prepend=time_ns) > source.survey.max_gap_ns)
-    at = int(np.searchsorted(imu.time_ns, time_ns))
-    if at == len(piece):
-        return None
-    imu = imu.rows(piece == piece[at])
-    inside = (near.time_ns - late >= imu.time_ns[0]) & (near.time_ns - late <= imu.time_ns[-1])
-    near = near.rows(inside)
-    epochs = np.append(near.time_ns - late, time_ns)
-    order = np.argsort(epochs, kind="stable")
-    made = accumulate(imu.time_ns, imu.delta_theta, imu.delta_velocity, epochs[order], time_ns)
-    if len(made) < len(epochs):
-        return None
-    made = made.rows(np.argsort(order))
-    start, seconds = made.rows(slice(-1, None)), made.time_s[:-1]
-    # From the frozen body axes; the Earth turns by a quarter of a minute of arc within a second
-    q_n = multiply(alignment.q_nb, conjugate(start.q[0]))
-    _, place = track_of(near)
-    place[:, 2] *= -1.0
-    arm = rotate(multiply(q_n, made.q[:-1]), np.asarray(settings.lever_arm_b))
-    way = rotate(q_n, made.xi[:-1] - start.xi - start.alpha * seconds[:, None])
-    noise, imu_noise = settings.gnss, settings.imu
-    shown = velocity_by_positions(
-        seconds,
-        place - arm,
-        way,
-        gravity_n(near.latitude[0], near.height[0]),
-        np.asarray(noise.position_white),
-        _covariance(alignment),
-        imu_noise.gyro_bias if alignment.gyro_bias_sigma is None else alignment.gyro_bias_sigma,
-        float(np.hypot(imu_noise.accel_bias, imu_noise.accel_instability)),
-    )
-    if shown is None:
-        return None
-    velocity, covariance = shown
-    # The filter uses the same fixes again, and fixes have slow errors
-    slow = noise.position_wander**2 / max(float(np.ptp(seconds)), 1.0)
-    return velocity, TWICE_USED**2 * covariance + slow * np.eye(3)
 
 
 def _followed(source: Source, config: ProcessConfig, time_ns: int) -> np.ndarray:

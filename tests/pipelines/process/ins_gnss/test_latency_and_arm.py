@@ -127,7 +127,7 @@ def test_an_antenna_two_metres_away_is_named_with_its_place(tmp_path, road):
     assert "+-" in finding["text"]
     arm = finding["answer"].removeprefix("add --lever-arm ").split(" if")[0]
     off = np.array([float(x) for x in arm.split(",")]) - LEVER
-    assert np.all(np.abs(off) < [0.3, 0.3, 0.7])  # a car hardly leans
+    assert np.all(np.abs(off) < [0.3, 0.3, 1.2])  # a car hardly leans: 0.5 m (1 sigma)
     # The wrong arm does not become a latency, nor is another one used than was given
     assert result["filter"]["gnss_latency_s"] == pytest.approx(0.1, abs=0.01)
     assert result["filter"]["lever_arm_m"] == pytest.approx(wrong)
@@ -537,7 +537,7 @@ def test_a_piece_of_one_update(tmp_path, calm):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "estimate_offsets", about)
         start_of(log, input=KIND, gnss=given(0.1))
-    assert answers[1].latency_s == pytest.approx(answers[0].latency_s, abs=1e-4)
+    assert abs(answers[1].latency_s - answers[0].latency_s) < 0.2 * answers[0].sigma_s
     assert np.allclose(answers[1].covariance, answers[0].covariance, rtol=1e-2, atol=1e-6)
 
 
