@@ -19,6 +19,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment, shown_tilt_error
 from sinstool.methods.alignment.still import StillSpan
+from sinstool.methods.attitude_smoother.bias_wander import wandering
 from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import (
     MOVING,
@@ -278,6 +279,10 @@ class Smoothing:
         turns = turning(epochs, motion.model, sensors, prior)
         if turns.any():
             looks[turns, MARKS.index(REST)] = MOVING
+            epochs, motion = self._judged(seen, looks, sensors, prior)
+        wider = wandering(epochs, motion.model, sensors)
+        if wider is not sensors:
+            sensors = wider
             epochs, motion = self._judged(seen, looks, sensors, prior)
         return epochs, motion, sensors, prior
 
