@@ -10,6 +10,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import normal_gravity
+from sinstool.core.english import in_seconds
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.memory import return_freed_memory
 from sinstool.core.order_statistics import median, quantile
@@ -425,7 +426,7 @@ class Smoothing:
             lost = share > LOST_SHARE
             yield Finding(
                 "gyro-at-stop",
-                f"a gyro is saturated for {s.gyro_at_stop_s:.3g} s,"
+                f"a gyro is saturated for {in_seconds(s.gyro_at_stop_s, 3)},"
                 f" {100.0 * share:.2g} % of the time; the rotation beyond its"
                 " range is lost" + (": do not trust the attitude" if lost else ""),
                 severity=Severity.LOST if lost else Severity.WARNING,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sinstool.config import ProcessConfig
 from sinstool.config.coning import COMPARISON_OPTIONS
-from sinstool.core.english import counted
+from sinstool.core.english import counted, in_seconds
 from sinstool.pipelines.compare_coning.paper import Reproduction
 from sinstool.pipelines.compare_coning.summary import AlgorithmResult, ComparisonResult
 from sinstool.report.figure import Figure
@@ -71,7 +71,7 @@ def _facts(result: ComparisonResult) -> tuple[Fact, ...]:
     facts += [
         Fact("Reference", result.reference.name, note),
         Fact("Drift that does not matter", f"{meta.tolerance_dph:g} deg/h", "--tolerance"),
-        Fact("Log", f"{meta.duration_s:.4g} s at {checks.rate_hz:.4g} Hz",
+        Fact("Log", f"{in_seconds(meta.duration_s)} at {checks.rate_hz:.4g} Hz",
              f"{counted(checks.gaps, 'gap')}, read as {meta.gyro_kind}"),
         Fact("Fastest rotation", f"{shown(checks.largest_rate_deg_s)} deg/s"),
     ]  # fmt: skip
