@@ -67,5 +67,5 @@ def test_a_rate_that_bends_as_much_is_no_slope():
 
 
 def test_rests_of_the_same_rate_contradict_a_walk_and_of_another_show_one():
-    assert walk_of(rested(6e-6, later=0.0)) < walk_of(rested(6e-6))
+    assert walk_of(rested(1e-5, later=0.0)) < walk_of(rested(1e-5))
     assert walk_of(rested(0.0, later=5e-3)) >= 10.0
