@@ -12,3 +12,9 @@ def counted(count: int, noun: str) -> str:
 def all_that(count: int, noun: str, verb: str, verbs: str) -> str:
     """A count, its noun and the verb that agrees: "1 sample holds", "2 samples hold"."""
     return f"{counted(count, noun)} {verb if count == 1 else verbs}"
+
+
+def in_seconds(value: float, digits: int = 4) -> str:
+    """A length of time with so many digits, or all of its whole seconds: "0.25 s", "28800 s"."""
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f} s" if "e+" in text else f"{text} s"

@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from sinstool.core.english import in_seconds
 from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Imu
@@ -369,8 +370,8 @@ def _unusable(tally: Tally, counts: OrderCounts, extent: _Extent) -> str:
     disorder = counts.backward + extent.log_backward
     if counts.backward and tally.log_descents > SET_BACK_RATIO * disorder:
         return (
-            f"header stamps run back by {counts.lateness_ns / SECOND:.3g} s and over the same time"
-            " again"
+            f"header stamps run back by {in_seconds(counts.lateness_ns / SECOND, 3)} and over the"
+            " same time again"
         )
     return ""
 

@@ -13,7 +13,7 @@ from itertools import chain
 import numpy as np
 
 from sinstool.config import InputOptions
-from sinstool.core.english import all_that, counted
+from sinstool.core.english import all_that, counted, in_seconds
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.order_statistics import median
 from sinstool.core.timeline import SECOND
@@ -292,7 +292,7 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
         yield Finding(
             "backward-stamps",
             f"{counted(o.backward, 'sample')} stamped earlier than the one before, by up to"
-            f" {o.lateness_ns / 1e9:.3g} s: put in order",
+            f" {in_seconds(o.lateness_ns / 1e9, 3)}: put in order",
         )
     if o.duplicates:
         lost = o.differing_duplicates > CONFLICTING * (s.count + o.duplicates)
@@ -343,10 +343,10 @@ def found_gaps(s: Survey, across_ns: int | None = None) -> Finding:
     """
     longest = max(length for _, length in s.gaps)
     limit = f"longer than {s.max_gap_ns / 1e6:.4g} ms"
-    text, them = f"a gap of {longest:.4g} s ({limit})", "it"
+    text, them = f"a gap of {in_seconds(longest)} ({limit})", "it"
     if s.gap_count > 1:
-        text = f"{s.gap_count} gaps {limit}, {s.gap_total_s:.4g} s in all, the longest"
-        text, them = f"{text} {longest:.4g} s", "them"
+        text = f"{s.gap_count} gaps {limit}, {in_seconds(s.gap_total_s)} in all, the longest"
+        text, them = f"{text} {in_seconds(longest)}", "them"
     if across_ns is None:
         return Finding("gaps", text)
     # At most the longest gaps are listed

@@ -49,8 +49,7 @@ def even_where_late(
 
 def jitters(found: Survey, options: InputOptions) -> bool:
     """Whether stamps jitter by so much that they may be of receipt."""
-    given = options.imu_rate is not None and not found.order.keep_repeated
-    if given or options.imu_stamps == "kept":
+    if options.imu_stamps == "kept":
         return False
     if options.imu_stamps == "even" or sampled_unevenly(found):
         return True

@@ -215,6 +215,7 @@ def test_report_page(compare, moving, tmp_path):
         "Drift if the log had been recorded at a lower rate",
     ):
         assert title in text
+    assert "if nothing moves above the stopband" in text
     assert page.stat().st_size < 10_000_000
     status, _, err = compare(moving, "--report", page)
     assert status == 1
@@ -234,6 +235,8 @@ def test_report_without_a_reference(compare, moving, tmp_path):
     assert "No reference; " in out and " differ most, by " in out
     assert "Verdict: Without a reference no algorithm can be chosen." in out
     assert page.stat().st_size > 10_000
+    # a column that is not there is not explained
+    assert "if nothing moves above the stopband" not in page.read_text()
 
 
 @pytest.mark.parametrize(

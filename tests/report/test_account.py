@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from sinstool.core.english import counted
+from sinstool.core.english import counted, in_seconds
 from sinstool.pipelines.process.travel import Accuracy, Outages, Spread, Travel
 from sinstool.report.text.account import account, distance, duration, heading_origin, squares
 
@@ -113,3 +113,10 @@ def test_a_magnetometer_shows_north_where_the_first_attitude_does_not(refused, n
 def test_one_of_a_thing_is_not_called_several():
     """`process` and `info` said "1 gaps"."""
     assert [counted(n, "gap") for n in (0, 1, 2)] == ["0 gaps", "1 gap", "2 gaps"]
+
+
+def test_hours_in_seconds_have_no_power_of_ten():
+    """A log of 8 h was "2.88e+04 s" long."""
+    assert in_seconds(28799.5) == "28800 s"
+    assert in_seconds(0.25004) == "0.25 s" and in_seconds(1234.4, 3) == "1234 s"
+    assert in_seconds(2.5512, 3) == "2.55 s"

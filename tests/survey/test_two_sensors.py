@@ -6,8 +6,10 @@ import pytest
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.finding import Severity
+from sinstool.core.streams import Imu
 from sinstool.io.readers import open_log
 from sinstool.pipelines.process.run import process
+from sinstool.survey import two_sensors
 from sinstool.survey.source import prepare
 from tests.helpers.imulogs import even_times, handheld, imu_messages, write_log
 
@@ -74,6 +76,33 @@ def test_vibration_is_of_one_sensor(tmp_path, hertz, along):
     shaken = accel + np.cos(phase)[:, None] * np.array(along)
     _, kinds = found(tmp_path / "a.mcap", imu_messages(times, gyro, shaken))
     assert "two-sensors" not in kinds
+
+
+@pytest.mark.parametrize("off_hz", [0.1, -0.05, 0.02])
+@pytest.mark.parametrize("circling", [False, True])
+def test_vibration_that_beats_within_a_minute_is_of_one_sensor(off_hz, circling):
+    """What shakes across gravity at half of the sampling rate was taken for a second sensor."""
+    seconds = np.arange(60.0 * RATE) / RATE
+    phase = 2.0 * np.pi * (0.5 * RATE + off_hz) * seconds
+    level = np.array([0.3, -0.2, 9.8]) + 0.02 * np.random.default_rng(2).normal(size=(3000, 3))
+    shaken = level + 5.0 * np.cos(phase)[:, None] * [1.0, 0.0, 0.0]
+    shaken += 5.0 * circling * np.sin(phase)[:, None] * [0.0, 1.0, 0.0]
+    assert two_sensors.apart(blocks_of(shaken), RATE) == 0.0
+
+
+@pytest.mark.parametrize("swing", [0.0, 0.5])
+def test_two_that_swing_together_are_told(swing):
+    t = np.arange(60.0 * RATE) / RATE
+    roll = swing * np.sin(0.4 * t)
+    one = 9.8 * np.stack([0.1 * np.cos(0.3 * t), np.sin(roll), np.cos(roll)], axis=1)
+    both = np.where(np.arange(len(t))[:, None] % 2, one, one @ TURN.T)
+    apart = two_sensors.apart(blocks_of(both), RATE)
+    assert apart == pytest.approx(5.0, abs=0.5)
+
+
+def blocks_of(accel):
+    times = even_times(len(accel), RATE)
+    yield Imu(times, times, np.zeros_like(accel), accel)
 
 
 def test_white_noise_is_of_one_sensor(tmp_path):

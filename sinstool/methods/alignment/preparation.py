@@ -110,8 +110,8 @@ def stretches(
         most = f"of up to {longest_bridged * 1e-9:.3f} s"
         warnings.append(f"{counted(bridged, 'gap')} {most} in the IMU integrated across")
     if broken.any():
-        many = f"{int(broken.sum())} gaps in the IMU interrupt the attitude; the longest is"
-        one = "a gap in the IMU interrupts the attitude; it is"
+        many = f"{int(broken.sum())} gaps in the IMU interrupt the alignment; the longest is"
+        one = "a gap in the IMU interrupts the alignment; it is"
         longest = step[np.flatnonzero(broken) - 1].max() * 1e-9
         warnings.append(f"{one if broken.sum() == 1 else many} {longest:.3f} s long")
     imu = ImuIncrements(imu.time_ns, theta, velocity)

@@ -130,7 +130,7 @@ def find_motion(
     """
     # Scale factors of uncalibrated gyros are constant: their errors cancel in a turn to and fro
     sensors = replace(sensors, rate_error=min(sensors.rate_error, CALIBRATED_RATE_ERROR))
-    parts, chosen = _stretches(epochs), name is not None
+    parts, chosen = stretches(epochs), name is not None
     moving = sum(int(np.count_nonzero(~part.rest & ~part.gap)) for part in parts)
     least = max(LEAST_VEHICLE, (speed or 0.0) * sqrt(2.0 * VEHICLE.c1))
     if not moving:
@@ -182,7 +182,7 @@ def likeliest_stop_rate(
     """
     likely = {}
     for share in (0.0, *MISSED):
-        search = _Search(_stretches(epochs), replace(sensors, stop_rate=share * largest))
+        search = _Search(stretches(epochs), replace(sensors, stop_rate=share * largest))
         likely[share] = max(search.best(model, 1)[1] for model in (HAND, VEHICLE))
     best = max(MISSED, key=lambda share: likely[share])
     return best * largest if surely or likely[best] > likely[0.0] + STOPS_MARGIN else 0.0
@@ -214,7 +214,7 @@ class _Search:
         return min(max(more, -LARGEST_MARGIN), LARGEST_MARGIN)
 
 
-def _stretches(epochs: Epochs) -> list[Epochs]:
+def stretches(epochs: Epochs) -> list[Epochs]:
     """Parts of a log with some minutes of motion each, spread over all of it."""
     moving = np.flatnonzero(~epochs.rest & ~epochs.gap)
     if len(moving) <= STRETCHES * STRETCH:

@@ -114,7 +114,7 @@ def smooth(
     smoothed, covariance = result.states, result.covariance
     q = from_dcm(smoothed[:, :9].reshape(-1, 3, 3))
     attitude = covariance[:, :9].reshape(-1, 3, 3).copy()
-    gyro_bias = _found_bias(sensors, smoothed[-1], covariance[-1])
+    gyro_bias = _found_bias(sensors, smoothed, covariance)
     if gyro_bias is not None:
         sensors = as_calibrated(sensors, gyro_bias)
     poor = 0.0
@@ -320,12 +320,18 @@ def gravity_at_rest(epochs: Epochs) -> float:
     return float(median(np.linalg.norm(force, axis=1)))
 
 
-def _found_bias(sensors: SensorModel, state_: FloatArray, kept: FloatArray) -> FloatArray | None:
-    """Bias of gyros that may be uncalibrated, rad/s; None if calibrated, or not known."""
-    known = float(np.sqrt(kept[9:12].max())) < CALIBRATED
-    if sensors.bias_removed is None or not known:
+def _found_bias(
+    sensors: SensorModel, smoothed: FloatArray, covariance: FloatArray
+) -> FloatArray | None:
+    """Bias of gyros that may be uncalibrated, rad/s; None if calibrated, or not known.
+
+    Where it is known best, as one that wanders far is known only at a rest.
+    """
+    sigma = np.sqrt(covariance[:, 9:12].max(axis=1))
+    best = int(np.argmin(sigma))
+    if sensors.bias_removed is None or not sigma[best] < CALIBRATED:
         return None
-    return np.asarray(state_[state.B : state.B + 3] + sensors.bias_removed)
+    return np.asarray(smoothed[best, state.B : state.B + 3] + sensors.bias_removed)
 
 
 def gravity_off(shown: float, gravity: float | None) -> float:

@@ -266,6 +266,15 @@ def _remarks(result: HseFit) -> Iterator[Finding]:
             f"the encoder is stale by {tau * 1e6:.1f} +- {sigma * 1e6:.1f} us",
             "lambda2 is free of it, headings are not: add it to [rig.encoder] delay_s",
         )
+    axial = result.axial
+    if axial.drift:
+        yield _finding(
+            "ok",
+            "the rate along the axis drifts, as gyros that warm up do, by"
+            f" {axial.drift / ARCSEC:.2g} deg/h within a log; the sigma of lambda2 from it,"
+            f" {axial.sigma_lambda2 / ARCSEC:.2g} arcsec, includes what that may have added",
+            "let the gyros warm up, or take the rates in another order in each log",
+        )
     if result.chi2 is not None and result.dof >= LEAST_DOF:
         times = float(np.sqrt(result.chi2 / result.dof))
         if times > SCATTER:

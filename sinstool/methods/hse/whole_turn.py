@@ -139,8 +139,10 @@ def align_whole_turns(
         holds the axial error), ``force_residual`` (m/s^2, against normal gravity at height 0),
         ``heading_trend_t`` (Student's t of a line through the headings of the turns),
         ``lag1_correlation`` of these headings, ``tilt_drift_north``, ``tilt_drift_east`` (rad
-        over the turns, of the axis) with ``tilt_drift_sigma``, ``level_rate_used`` (0 or 1),
-        ``stamp_jitter_s``, ``stamp_wander_s``. NaN where there are too few turns.
+        over the turns, of the axis) with ``tilt_drift_sigma``, ``axial_drift`` and
+        ``axial_drift_sigma`` (rad/s^2, slope of the rate along the axis over the turns),
+        ``level_rate_used`` (0 or 1), ``stamp_jitter_s``, ``stamp_wander_s``. NaN where there are
+        too few turns.
 
     Raises
     ------
@@ -208,6 +210,7 @@ def align_whole_turns(
     u_z = float(C_nb0[:, 2] @ earth)
     c_axial = float((w[2] - u_z) / (turns.rate + u_z))
     east_rate = w_turn @ r2
+    axial_drift, axial_drift_sigma = _slope(middles, w_turn[:, 2:])
     heading = float(np.arctan2(C_nb0[1, 0], C_nb0[0, 0]) % (2.0 * np.pi))
     per_turn = heading - east_rate / north_rate
     sigma_heading = sigma_of_mean(east_rate) / north_rate
@@ -227,6 +230,8 @@ def align_whole_turns(
         "tilt_drift_north": float(in_n[1]) * total,
         "tilt_drift_east": -float(in_n[0]) * total,
         "tilt_drift_sigma": tilting_sigma * total,
+        "axial_drift": float(axial_drift[0]),
+        "axial_drift_sigma": float(axial_drift_sigma[0]),
         "level_rate_used": float(used),
         "stamp_jitter_s": turns.jitter_s,
         "stamp_wander_s": turns.wander_s,

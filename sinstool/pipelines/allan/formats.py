@@ -22,6 +22,7 @@ from typing import get_args
 
 from sinstool.config.export import NoiseFormat
 from sinstool.config.noise import SCHEMA, key_of
+from sinstool.core.english import in_seconds
 from sinstool.core.errors import ConfigurationError, one_line
 from sinstool.core.suggest import nearest
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR
@@ -240,7 +241,7 @@ def sources(result: AllanResult) -> str:
     rest = result.rest
     return one_line(
         f"sinstool {VERSION} from {Path(result.input.path).name}, {result.imu.topic}:"
-        f" {rest.total_s:.4g} s at rest, {_rate(result):.6g} Hz"
+        f" {in_seconds(rest.total_s)} at rest, {_rate(result):.6g} Hz"
     )
 
 

@@ -7,6 +7,7 @@ from math import sqrt
 
 import numpy as np
 
+from sinstool.core.english import in_seconds
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.units import DEGREE, DEGREE_PER_ROOT_HOUR
 from sinstool.methods.allan.fit import NoiseData, NoiseFit
@@ -107,7 +108,7 @@ def _hidden(axes: Sequence[Axis], rest: Rest) -> Iterator[Finding]:
     if without:
         text = (
             f"{' and '.join(without)}: neither bias instability nor random walk is visible in"
-            f" {rest.longest_s:.4g} s of rest without a gap; the file holds bounds for them"
+            f" {in_seconds(rest.longest_s)} of rest without a gap; the file holds bounds for them"
         )
         answer = "record for longer at rest if a filter needs more than bounds"
         yield Finding("short-rest", text, answer=answer, numbers={"longest_s": rest.longest_s})
@@ -195,8 +196,8 @@ def _misfits(axes: Sequence[Axis], rest: Rest) -> Iterator[Finding]:
     if late:
         longest = max(a.from_s for a in late)
         text = (
-            f"{_names(late)}: averaging times below {longest:.3g} s are left out of the fit: the"
-            " sensor filters or counts its output, repeats samples, or hums"
+            f"{_names(late)}: averaging times below {in_seconds(longest, 3)} are left out of"
+            " the fit: the sensor filters or counts its output, repeats samples, or hums"
         )
         yield Finding("filtered", text, Severity.NOTE, numbers={"from_s": longest})
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from sinstool.config import ComparisonOptions, ConingOptions, ProcessConfig
 from sinstool.core.choices import log_choice
+from sinstool.core.english import in_seconds
 from sinstool.core.errors import DataError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND, segments
@@ -176,7 +177,7 @@ def compare_log(
     elif len(stretches) > 1:
         text = (
             "the spectrum and the predicted drift come from the longest stretch only"
-            f" ({len(longest) * interval:.4g} s)"
+            f" ({in_seconds(len(longest) * interval)})"
         )
         findings.append(Finding("longest-stretch", text))
     if bands.stopband is None:

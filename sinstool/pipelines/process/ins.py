@@ -9,6 +9,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import SEMI_MAJOR_AXIS, horizontal_metres
+from sinstool.core.english import in_seconds
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, Solution
@@ -284,8 +285,8 @@ def _run_warnings(run: InsRun) -> list[str]:
         notes.append(run.settings.algorithm.caveat)
     if run.gaps_s:
         notes.append(
-            f"{run.gaps_s:.3g} s are without IMU data: gaps up to {MAX_HOLD:g} s are bridged with"
-            " the values on either side, longer ones at constant velocity"
+            f"{in_seconds(run.gaps_s, 3)} are without IMU data: gaps up to {MAX_HOLD:g} s are"
+            " bridged with the values on either side, longer ones at constant velocity"
         )
     if run.diverged_ns is not None:
         seconds = (run.diverged_ns - run.first_ns) / SECOND

@@ -10,6 +10,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.earth import normal_gravity
+from sinstool.core.english import in_seconds
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.memory import return_freed_memory
 from sinstool.core.order_statistics import median, quantile
@@ -19,6 +20,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import Alignment, shown_tilt_error
 from sinstool.methods.alignment.still import StillSpan
+from sinstool.methods.attitude_smoother.bias_wander import wandering
 from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import (
     MOVING,
@@ -279,6 +281,10 @@ class Smoothing:
         if turns.any():
             looks[turns, MARKS.index(REST)] = MOVING
             epochs, motion = self._judged(seen, looks, sensors, prior)
+        wider = wandering(epochs, motion.model, sensors)
+        if wider is not sensors:
+            sensors = wider
+            epochs, motion = self._judged(seen, looks, sensors, prior)
         return epochs, motion, sensors, prior
 
     def _judged(
@@ -420,7 +426,7 @@ class Smoothing:
             lost = share > LOST_SHARE
             yield Finding(
                 "gyro-at-stop",
-                f"a gyro is saturated for {s.gyro_at_stop_s:.3g} s,"
+                f"a gyro is saturated for {in_seconds(s.gyro_at_stop_s, 3)},"
                 f" {100.0 * share:.2g} % of the time; the rotation beyond its"
                 " range is lost" + (": do not trust the attitude" if lost else ""),
                 severity=Severity.LOST if lost else Severity.WARNING,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sinstool.config import ALLAN_OPTIONS, ProcessConfig
+from sinstool.core.english import in_seconds
 from sinstool.core.units import DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR, MICRO_G
 from sinstool.methods.allan.coefficients import SENSORS, Sensor, over_axes
 from sinstool.pipelines.allan.formats import SUFFIXES, entries
@@ -40,8 +41,8 @@ def write_page(
     source = Path(result.input.path)
     rest = result.rest
     text = (
-        f"{rest.total_s:.4g} s at rest, the longest stretch {rest.longest_s:.4g} s, show averaging"
-        f" times up to {result.averaging_s[-1]:.4g} s."
+        f"{in_seconds(rest.total_s)} at rest, the longest stretch {in_seconds(rest.longest_s)},"
+        f" show averaging times up to {in_seconds(result.averaging_s[-1])}."
     )
     sections: list[Section] = [
         Prose((text,), "Result", _facts(result)),

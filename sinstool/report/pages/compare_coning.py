@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sinstool.config import ProcessConfig
 from sinstool.config.coning import COMPARISON_OPTIONS
-from sinstool.core.english import counted
+from sinstool.core.english import counted, in_seconds
 from sinstool.pipelines.compare_coning.paper import Reproduction
 from sinstool.pipelines.compare_coning.summary import AlgorithmResult, ComparisonResult
 from sinstool.report.figure import Figure
@@ -67,11 +67,11 @@ def _facts(result: ComparisonResult) -> tuple[Fact, ...]:
     best = result.verdict.algorithm
     facts = [Fact("Choice", best)] if best else []
     resolution = result.reference.resolution_dph
-    note = "" if resolution is None else f"good to {resolution:.2g} deg/h"
+    note = "" if resolution is None else f"confirmed to {resolution:.2g} deg/h"
     facts += [
         Fact("Reference", result.reference.name, note),
         Fact("Drift that does not matter", f"{meta.tolerance_dph:g} deg/h", "--tolerance"),
-        Fact("Log", f"{meta.duration_s:.4g} s at {checks.rate_hz:.4g} Hz",
+        Fact("Log", f"{in_seconds(meta.duration_s)} at {checks.rate_hz:.4g} Hz",
              f"{counted(checks.gaps, 'gap')}, read as {meta.gyro_kind}"),
         Fact("Fastest rotation", f"{shown(checks.largest_rate_deg_s)} deg/s"),
     ]  # fmt: skip
@@ -83,7 +83,8 @@ def _tables(result: ComparisonResult) -> list[Table]:
     native = [a for a in result.algs if a.decimate == 1]
     slower = [a for a in result.algs if a.decimate != 1]
     about = about_reference(result.reference, result.meta)
-    legend = LEGEND.format(window=result.meta.window_s, brackets="", pseudo=PSEUDO)
+    pseudo = PSEUDO if result.meta.stopband_hz is not None else ""
+    legend = LEGEND.format(window=result.meta.window_s, brackets="", pseudo=pseudo)
     exceptions: dict[str, dict[str, None]] = {}
     for alg in result.algs:
         if alg.pred_exception:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from sinstool.core.english import in_seconds
 from sinstool.core.units import ARCSEC, DEGREE_PER_HOUR, DEGREE_PER_ROOT_HOUR, MICRO_G
 from sinstool.methods.allan.coefficients import Coefficient, Sensor
 from sinstool.pipelines.allan.result import AllanResult, Axis
@@ -39,7 +40,7 @@ def print_noise(result: AllanResult) -> None:
             ("log", result.input.path),
             ("IMU", f"{result.imu.topic}, {1.0 / rest.interval_s:.6g} Hz"),
             ("rest", f"{rest.total_s:.1f} s in {lengths}; averaging times up to"
-             f" {result.averaging_s[-1]:.4g} s"),
+             f" {in_seconds(result.averaging_s[-1])}"),
         ]
         + ([("written", result.output)] if result.output else [])
     )  # fmt: skip

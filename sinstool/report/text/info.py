@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import click
 
-from sinstool.core.english import counted
+from sinstool.core.english import counted, in_seconds
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import clock_time
 from sinstool.io.readers.lost import LogLosses
@@ -35,7 +35,7 @@ def print_inspection(inspection: Inspection, verbose: bool) -> None:
         odd = f", {t.out_of_order} out of order" if t.out_of_order else ""
         click.echo(
             f"  {t.topic:<{width}}  {t.n:>9}  {rate:>11}  {t.type}"
-            f"  (longest interval {t.longest_interval_s:.3g} s{odd})"
+            f"  (longest interval {in_seconds(t.longest_interval_s, 3)}{odd})"
         )
     for imu in inspection.imu:
         _print_imu(imu, verbose)

@@ -78,7 +78,7 @@ def test_long_gaps_interrupt_the_attitude():
     parts, warnings = stretches(without(imu(), slice(1000, 1004)), AlignmentSettings())
     assert [len(p.imu) for p in parts] == [1000, 2996]
     assert parts[1].after == "a gap of 0.025 s in the IMU"
-    assert "interrupts the attitude" in warnings[0]
+    assert "interrupts the alignment" in warnings[0]
 
 
 def test_a_gap_breaks_the_chain_while_turning_and_what_is_none_does_not():

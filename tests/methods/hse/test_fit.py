@@ -215,6 +215,46 @@ def test_axial_runs_count_by_the_scatter_of_their_turns():
     assert fit_axial(runs, weighted=False).c == pytest.approx(slope, rel=1e-6)
 
 
+def warming(runs, rate_s=1e-10, decay_s=2000.0):
+    """The same by gyros whose bias along the axis ends, and what the turns show of that."""
+    out = []
+    for run in runs:
+        middle = run.t_start_s + 0.5 * run.duration_s
+        slope = rate_s * np.exp(-middle / decay_s)
+        bias = -slope * decay_s / (run.rate + earth_rate_along_axis(run))
+        shown = {"axial_drift": slope, "axial_drift_sigma": rate_s / 30.0}
+        out.append(replace(run, c_axial=run.c_axial + bias, quality=shown))
+    return out
+
+
+def test_a_bias_that_drifts_while_the_rates_rise_is_in_the_sigma():
+    """It was 13 sigma off, without a word."""
+    runs = brute_runs(np.repeat(RATES, 2))
+    clean, found = (
+        fit_axial(noisy(each, np.random.default_rng(3)), True) for each in (runs, warming(runs))
+    )
+    assert clean.drift == 0.0
+    assert found.drift == pytest.approx(1e-10 * 2000.0 * (np.exp(-0.15) - np.exp(-1.65)), rel=0.05)
+    off = abs(found.lambda2 - TRUE)
+    assert off > 10.0 * clean.sigma_lambda2
+    assert off < 2.0 * found.sigma_lambda2
+    # less so where the next log takes the rates downwards
+    half = len(runs) // 2
+    both = [
+        replace(run, source=f"{k // half}.mcap", t_start_s=600.0 * (k % half))
+        for k, run in enumerate(brute_runs(np.concatenate([RATES, RATES[::-1]])))
+    ]
+    assert fit_axial(warming(both), True).sigma_lambda2 < 0.5 * found.sigma_lambda2
+
+
+def test_slopes_of_noise_are_no_drift():
+    rng = np.random.default_rng(7)
+    for _ in range(50):
+        slopes = [{"axial_drift": rng.normal(), "axial_drift_sigma": 1.0} for _ in range(9)]
+        runs = [replace(r, quality=q) for r, q in zip(brute_runs(), slopes, strict=True)]
+        assert fit_axial(runs, True).drift == 0.0
+
+
 def test_one_rate_gives_the_axial_value_only():
     runs = brute_runs(rates=RATES[1] * np.ones(4))
     result = fit(runs)

@@ -92,6 +92,12 @@ def test_a_level_axis_is_unobservable():
     assert axial.status in APPLICABLE
 
 
+def test_a_drift_of_the_rate_along_the_axis_is_told():
+    slopes = {"axial_drift": 1e-10, "axial_drift_sigma": 1e-12}
+    runs = [replace(run, quality=slopes) for run in sharp(brute_runs())]
+    assert any("along the axis drifts" in line for line in judged(runs).warnings)
+
+
 def test_a_stale_encoder_is_told_from_the_axial_value():
     delay = 84e-6
     runs = sharp(brute_runs(delay=delay), 2.0 * ARCSEC)

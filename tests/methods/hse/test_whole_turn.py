@@ -297,6 +297,21 @@ def test_quality_of_a_clean_and_of_a_wrong_site():
     assert elsewhere.quality["rate_north_residual"] == pytest.approx(lost, rel=1e-2)
 
 
+def test_a_bias_along_the_axis_that_drifts_is_seen_in_the_turns():
+    setup = leaning_east()
+    log = hse_rig([(float(RATES[2]), 120.0)], setup, HseRigErrors(angle_random_walk=1e-7))
+    rig = rig_of(log, setup)
+    turns = statistics(log, rig)
+    steady = align_whole_turns(turns, rig).quality
+    assert abs(steady["axial_drift"]) < 5.0 * steady["axial_drift_sigma"]
+    S, middle = turns.S.copy(), np.cumsum(turns.duration) - 0.5 * turns.duration
+    axis = np.linalg.inv(rig.gyro_to_b) @ [0.0, 0.0, 1.0]
+    S[:, 2, :3] += np.outer(1e-8 * middle * turns.duration, axis)
+    drifting = align_whole_turns(replace(turns, S=S), rig).quality
+    assert drifting["axial_drift"] == pytest.approx(1e-8, rel=1e-2)
+    assert drifting["axial_drift"] > 20.0 * drifting["axial_drift_sigma"]
+
+
 def test_heading_that_drifts_is_seen_in_the_turns():
     setup = leaning_east()
     log = hse_rig([(float(RATES[2]), 120.0)], setup, HseRigErrors(angle_random_walk=1e-7))

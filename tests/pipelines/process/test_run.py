@@ -520,7 +520,7 @@ def test_a_given_rate_replaces_the_intervals(tmp_path):
     ):
         log = imu_log(tmp_path / "in.mcap", stamps, gyro, truth.mean_specific_force * unit)
         out = tmp_path / f"{kind}.mcap"
-        options = {"gyro_kind": kind, "body_axes": "frd", "imu_rate": RATE}
+        options = {"gyro_kind": kind, "body_axes": "frd", "imu_rate": RATE, "imu_stamps": "kept"}
         run(log, out, input=options, align=fixed_at(truth.q_nb[0]))
         times, q = read_attitude(out)
         assert times.tolist() == stamps.tolist()  # stamps stay the log's own

@@ -492,7 +492,7 @@ class FilterRun(Mode):
             )
         if s.epochs_gated and not any(one.kind == TOO_MANY_REJECTED for one in findings):
             epochs = s.epochs_used + s.epochs_gated
-            note("rejected-fixes", f"{s.epochs_gated} of {epochs} GNSS epochs were rejected")
+            note("rejected-fixes", f"{s.epochs_gated} of {epochs} GNSS epochs rejected")
         if p.reference is not None and s.gains is not None:
             before = (p.time_ns - first_ns) / SECOND
             texts = height_warnings(s.channel, channel_events_of(self._stretches), before)
