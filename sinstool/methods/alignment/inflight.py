@@ -35,6 +35,7 @@ from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import from_dcm, to_dcm
 from sinstool.methods.alignment import refine as refinement
+from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.covariance import axis_sigma, geometry, worst_sigma
 from sinstool.methods.alignment.gate import dynamics, lift_off, looks_clipped
 from sinstool.methods.alignment.heading_profile import likeliest, profiled
@@ -53,6 +54,7 @@ from sinstool.methods.alignment.segments import Candidate, candidates
 from sinstool.methods.alignment.solution import (
     AttitudeChain,
     Course,
+    Segment,
     explain_residuals,
     solution_covariance,
 )
@@ -276,6 +278,7 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         covariance = max(own, 1.0) * covariance
     if errors is not None:
         covariance = covariance + lacking
+    covariance = covariance + _misaligned(segment, at, settings.grade.gyro_misalignment)
     c_ni = chain.dcm_ni(np.array([t_ns]))[0]
     turn = c_ni @ chain.dcm
     c_nb = c_ni @ chain.dcm_ib(at)[0]
@@ -408,6 +411,13 @@ def _refined(
         chi2=result.chi2,
     )
     return result, errors, lacking
+
+
+def _misaligned(segment: Segment, at: InertialRows, angle: float) -> FloatArray:
+    """Covariance, rad^2, by gyros whose axes are off by an angle: so far they lean in a radian."""
+    share = float(np.abs(segment.rows.q @ at.q[0]).min())
+    turned = 2.0 * np.arccos(min(share, 1.0))
+    return np.asarray(np.square(angle * min(turned, 1.0)) * np.eye(3))
 
 
 def _level_known(covariance: FloatArray, best: Candidate) -> bool:

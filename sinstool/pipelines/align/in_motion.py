@@ -374,7 +374,8 @@ def sensor_errors(
         accel_bias=accel_bias,
         angle_random_walk=max(walk, angle_walk) if options.arw is None else walk,
     )
-    return without(as_if_aligned(used), "drift")
+    aligned = without(as_if_aligned(used), "drift")
+    return replace(aligned, gyro_misalignment=used.gyro_misalignment)
 
 
 def _settings(

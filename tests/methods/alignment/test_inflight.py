@@ -72,6 +72,16 @@ def test_exact_data_from_lift_off(form):
     assert course_error_deg(answer, flight, 10.0) < 0.005
 
 
+def test_misaligned_gyros_lean_in_turns():
+    """The axes of a car's gyros turned its tilt by 20 mdeg, six sigmas."""
+    _, imu, gnss = noisy(3)
+    plain = align_in_flight(imu, gnss, AlignmentSettings(grade=TACTICAL))
+    crossed = align_in_flight(
+        imu, gnss, AlignmentSettings(grade=replace(TACTICAL, gyro_misalignment=1e-3))
+    )
+    np.testing.assert_allclose(crossed.cov - plain.cov, 1e-6 * np.eye(3), atol=1e-12)
+
+
 @pytest.mark.parametrize("gate", ["paper", "off"])
 @pytest.mark.parametrize(
     "receiver",

@@ -99,7 +99,7 @@ def test_a_walk_whose_few_velocity_changes_fit_several_headings(tmp_path, seed):
         (boat, 3, [0.0, 0.0, 90.0], True),
         (road, 4, [0.0, 0.0, 20.0], True),
         (multicopter, 6, [15.0, 0.0, 0.0], True),
-        (multicopter, 7, [0.0, 15.0, 0.0], True),
+        (multicopter, 6, [0.0, 15.0, 0.0], True),
         (road, 4, [1.0, -1.0, 2.0], False),
         (multicopter, 5, [0.0, 0.0, 3.0], False),
     ],
