@@ -375,6 +375,8 @@ def sensor_errors(
         angle_random_walk=max(walk, angle_walk) if options.arw is None else walk,
     )
     aligned = without(as_if_aligned(used), "drift")
+    if config.filter.sigma_misalignment is None:
+        return aligned
     return replace(aligned, gyro_misalignment=used.gyro_misalignment)
 
 
