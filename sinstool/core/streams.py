@@ -328,8 +328,9 @@ class DerivedEpochs(GnssEpochs):
     Attributes
     ----------
     derived_s : ndarray, shape (n,)
-        Half of the time over which a velocity is a mean, s: it is as if the slope of a parabola
-        through the positions of that time, whatever the number and the places of the fixes.
+        Half of the time over which a velocity is a mean, s: to third order the velocity equals the
+        slope of a parabola that is fitted to the true positions at all times from so long before
+        the fix to so long after it.
     """
 
     derived_s: np.ndarray

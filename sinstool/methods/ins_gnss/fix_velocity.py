@@ -54,7 +54,7 @@ BLOCK = 2**14
 
 def with_velocities(
     gnss: GnssEpochs, sigma_m: float, wander: float | None = None, ends: bool = False
-) -> GnssEpochs:
+) -> DerivedEpochs:
     """Epochs with velocities derived from their positions.
 
     Parameters
@@ -73,7 +73,7 @@ def with_velocities(
 
     Returns
     -------
-    GnssEpochs
+    DerivedEpochs
         Those with enough fixes around them. The sigmas of velocities follow from `sigma_m`, and
         from the excess of residuals over it, which counts as a third derivative: four times their
         rms over half the window's length (once with `wander`); with `ends` four times as much at
@@ -85,7 +85,7 @@ def with_velocities(
     rows = rows.rows(~outlying(rows))
     n = len(rows)
     if n < LEAST:
-        return rows.rows(slice(0, 0))
+        return DerivedEpochs(**vars(rows), derived_s=np.zeros(n)).rows(slice(0, 0))
     t = (rows.time_ns - rows.time_ns[0]) / SECOND
     height = float(median(rows.height))
     longitude = np.unwrap(rows.longitude)

@@ -76,20 +76,22 @@ def start_at(
     lever = np.asarray(settings.lever_arm_b, dtype=np.float64)
     when = gnss.time_ns - round(settings.gnss_latency * 1e9)
     swing = rotate(attitude, np.cross(np.asarray(omega_eb_b, dtype=np.float64), lever))
+    turned = skew(swing) @ psi @ skew(swing).T
     if of_imu is None:
-        velocity, p_velocity = _velocity(time_ns, when, gnss, settings)
+        of_antenna, p_antenna = _velocity(time_ns, when, gnss, settings)
+        velocity, p_velocity = of_antenna - swing, p_antenna + turned
     else:
-        velocity, p_velocity = of_imu[0] + swing, of_imu[1]
-    position, p_position = _position(time_ns, when, gnss, settings, velocity, p_velocity)
+        velocity, p_velocity = of_imu
+        of_antenna, p_antenna = velocity + swing, p_velocity + turned
+    position, p_position = _position(time_ns, when, gnss, settings, of_antenna, p_antenna)
     arm = rotate(attitude, lever)
-    velocity = velocity - swing
     lat, lon, height = position
     lat, lon = displaced(lat, lon, height, -arm[0], -arm[1])
-    turn_arm, turn_swing = skew(arm), skew(swing)
+    turn_arm = skew(arm)
     return Start(
         initial_state(float(lat), float(lon), float(height + arm[2]), velocity, attitude),
         p_position + turn_arm @ psi @ turn_arm.T,
-        p_velocity + turn_swing @ psi @ turn_swing.T,
+        p_velocity,
         psi,
         np.asarray(gyro_bias, dtype=np.float64),
         np.zeros(3),

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from sinstool.core.earth import displaced
+from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.derived_rates import slopes
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from tests.helpers.filter_logs import first_start_of
@@ -64,4 +66,8 @@ def test_an_antenna_that_swings_is_no_inconsistency(tmp_path, seed):
         gnss={"lever_arm": tuple(LEVER.tolist()), "gnss_latency": 0.0},
     )
     assert not [text for text in start.attitude_warnings if "inconsistent" in text]
-    assert start.time_ns >= T0
+    row = int(np.argmin(np.abs(truth.seconds - (start.time_ns - T0) / SECOND)))
+    given_n = Rotation.from_quat(start.start.nav[6:10], scalar_first=True)
+    off = (given_n * Rotation.from_matrix(truth.c_nb[row]).inv()).as_rotvec()
+    assert (np.abs(off) < 3.0 * np.sqrt(np.diag(start.start.covariance_attitude_n))).all()
+    assert np.rad2deg(np.abs(off).max()) < 2.0

@@ -93,7 +93,13 @@ def velocity_around(
 def _shown(
     source: Source, config: ProcessConfig, gyro_bias: FloatArray, valid_ns: np.ndarray, time_ns: int
 ) -> tuple[np.ndarray, InertialRows, InertialRows] | None:
-    """Which times the IMU reaches from another without a gap, the inertial side there, and then."""
+    """The inertial side at fixes around a time, as far as no gap of the IMU lies in between.
+
+    Returns
+    -------
+    (ndarray of bool, InertialRows, InertialRows) or None
+        Which of the fixes can be used, their rows, and that of the time itself; None if none can.
+    """
     if not len(valid_ns):
         return None
     last_ns, first_ns = max(int(valid_ns[-1]), time_ns), min(int(valid_ns[0]), time_ns)
