@@ -9,14 +9,16 @@ none of them. The log goes through the whole command. A *miss* is a log whose so
 
 Printed are the worst by error over sigma, at the end and anywhere, and by the root mean squares of
 tilt and heading over theirs, with all that was random about them; --only makes and shows one seed
-again. With --others it hunts among boats, walks and multicopters instead, or among the kinds that
-follow it: motorcycles, trains, tractors, gliders, helicopters. With --errors logs also have some of
-those of tests/helpers/unseen_errors.py: axes that are not square, biases that follow specific force
-or temperature, vibration, 16 bits, lost samples, stamps by receipt, clocks that drift, any
-mounting, fixes that wander or say nothing of their noise. With --options each log gets one more of
-the options of `wrong_options.py`, most of which are wrong.
+again. With --keep each outcome is added to a file of JSON lines as soon as it is known, and those
+that the file has already are not made again. With --others it hunts among boats, walks and
+multicopters instead, or among the kinds that follow it: motorcycles, trains, tractors, gliders,
+helicopters. With --errors logs also have some of those of tests/helpers/unseen_errors.py: axes that
+are not square, biases that follow specific force or temperature, vibration, 16 bits, lost samples,
+stamps by receipt, clocks that drift, any mounting, fixes that wander or say nothing of their noise.
+With --options each log gets one more of the options of `wrong_options.py`, most of which are wrong.
 
 python benchmarks/divergence_hunt.py --logs 500 --jobs 2
+python benchmarks/divergence_hunt.py --logs 500 --jobs 2 --keep hunt.jsonl
 python benchmarks/divergence_hunt.py --only 17
 python benchmarks/divergence_hunt.py --right --logs 100
 python benchmarks/divergence_hunt.py --errors --right --logs 100
@@ -26,10 +28,11 @@ python benchmarks/divergence_hunt.py --others motorcycle train tractor glider he
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -326,8 +329,22 @@ def hunted(
         for values in (turn, ratio)
     ]
     return Outcome(
-        seed, what, status, level[-1], sigmas[-1], level[worst], sigmas[worst], note, *attitude
-    )
+        seed, what, status, *map(float, (level[-1], sigmas[-1], level[worst], sigmas[worst])), note,
+        *attitude,
+    )  # fmt: skip
+
+
+def kept(work: Callable[[int], Outcome], file: Path, settings: dict, seed: int) -> Outcome:
+    """One log's outcome, from the file if it has it with the same settings, else added to it."""
+    if file.exists():
+        for line in file.read_text().splitlines():
+            known = json.loads(line)
+            if known["settings"] == settings and known["outcome"]["seed"] == seed:
+                return Outcome(**known["outcome"])
+    outcome = work(seed)
+    with file.open("a") as lines:
+        lines.write(json.dumps({"settings": settings, "outcome": asdict(outcome)}) + "\n")
+    return outcome
 
 
 def main() -> None:
@@ -337,11 +354,15 @@ def main() -> None:
     options.add_argument("--options", action="store_true", help="one more option for each log")
     options.add_argument("--only", type=int, help="this seed alone")
     options.add_argument("--others", nargs="*", choices=OTHERS, help="vehicles of other kinds")
+    options.add_argument("--keep", type=Path, metavar="FILE", help="JSON lines to go on from")
     args = options.parse_args()
     others = () if args.others is None else args.others or USUAL_OTHERS
     seeds = range(args.first, args.first + args.logs) if args.only is None else [args.only]
-    kinds = {"right": args.right, "others": others, "errors": args.errors}
-    work = partial(hunted, **kinds, options=args.options)
+    kinds = {"right": args.right, "others": [*others], "errors": args.errors}
+    kinds["options"] = args.options
+    work: Callable[[int], Outcome] = partial(hunted, **kinds)
+    if args.keep is not None:
+        work = partial(kept, work, args.keep, kinds)
     outcomes = over_seeds(work, seeds, args.jobs)
     status = Counter(outcome.status for outcome in outcomes)
     solved = [outcome for outcome in outcomes if np.isfinite(outcome.end_m)]
