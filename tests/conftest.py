@@ -34,7 +34,6 @@ def pytest_addoption(parser):
         help="Skip the tests that have not begun after so many seconds.",
     )
 
-
     parser.addoption(
         "--order",
         metavar="TEXT",
