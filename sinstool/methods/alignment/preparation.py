@@ -209,13 +209,20 @@ def prepare_fixes(
     if span < MIN_POSITION_SPAN_S:
         raise AlignmentError(
             f"alignment in flight needs GNSS velocity for {MIN_SPAN_S:g} s, or positions for"
-            f" {MIN_POSITION_SPAN_S:g} s, and there are velocities for"
+            f" {MIN_POSITION_SPAN_S:g} s, and{_where(settings)} there are velocities for"
             f" {_span_s(gnss.time_ns[moving]):.1f} s and positions for {span:.1f} s",
             "choose a longer span, or use --align level or log",
         )
     warnings.append("the fixes have no velocity: aligned by positions, which takes a minute")
     method = "svd" if settings.method == "triad" else settings.method
     return gnss, replace(settings, vectors="pos", method=method), warnings
+
+
+def _where(settings: AlignmentSettings) -> str:
+    """Which fixes count, where not all of a log do."""
+    if settings.start_ns is None and settings.end_ns is None:
+        return ""
+    return " in the span to align with"
 
 
 def rough_fixes(time_ns: IntArray, sigma_v: FloatArray) -> BoolArray:

@@ -190,6 +190,9 @@ def test_positions_alone():
     short = fixes(300, velocity_n=missing(300, slice(None)))
     with pytest.raises(AlignmentError, match="needs GNSS velocity for 10 s"):
         prepare_fixes(short, AlignmentSettings())
+    # of a log with 70 s of fixes, where 10 s of them count
+    with pytest.raises(AlignmentError, match=r"in the span to align with .* positions for 9\.9 s"):
+        prepare_fixes(long, AlignmentSettings(start_ns=600 * 100 * MS))
     gnss, _, _ = prepare_fixes(short, AlignmentSettings(vectors="pos"))
     assert len(gnss) == 300
 
