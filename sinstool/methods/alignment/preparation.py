@@ -14,7 +14,7 @@ from sinstool.core.running_median import running_median
 from sinstool.core.timeline import GAP_INTERVALS, SECOND
 from sinstool.methods.alignment.gate import dynamics, saturated
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
-from sinstool.methods.strapdown.lost_samples import LOST_SHARE, LostSamples
+from sinstool.methods.strapdown.lost_samples import LostSamples
 
 MISSING = 1.5
 """Of the usual interval: beyond, samples may be missing."""
@@ -149,7 +149,7 @@ def walk_of_lost(imu: ImuIncrements) -> float:
     """
     dt = np.diff(imu.time_ns) / SECOND
     usual = float(median(dt)) if len(dt) else 0.0
-    if not (dt > (1.0 + LOST_SHARE) * usual).any():
+    if not (dt > MISSING * usual).any():
         return 0.0
     lost = LostSamples(usual, usual).push(dt, imu.delta_theta[1:], imu.delta_velocity[1:])
     return float(np.sqrt(lost[:, :3].sum(axis=0).max() / dt.sum()))

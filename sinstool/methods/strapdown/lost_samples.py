@@ -14,10 +14,11 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import kernel
+from sinstool.core.timeline import LOST_INTERVALS
 from sinstool.methods.strapdown.velocity import Increments
 
 # An update that is longer than usual by this share of a sample's interval lacks one
-LOST_SHARE = 0.5
+_SHARE = LOST_INTERVALS - 1.0
 # s, over which the squares of differences are averaged
 MEAN_S = 1.0
 # Of more lost samples in a row the motion is hardly less like those beside them
@@ -101,14 +102,14 @@ def _lost(
     for k in range(len(interval)):
         dt = interval[k]
         more = dt - update
-        if more > LOST_SHARE * sample:
+        if more > _SHARE * sample:
             n = min(max(more / sample, 1.0), MOST)
             off = more * (n + 1.0) * (n + 2.0) / 6.0
             for i in range(6):
                 out[k, i] = off * off * state[12 + i]
             state[18] = 0.0
             continue
-        if dt < update - LOST_SHARE * sample:
+        if dt < update - _SHARE * sample:
             state[18] = 0.0
             continue
         share = dt / (dt + MEAN_S)
