@@ -9,7 +9,7 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}{ending}"
 
 
-def all_that(count: int, noun: str, verb: str, verbs: str) -> str:
+def counted_clause(count: int, noun: str, verb: str, verbs: str) -> str:
     """A count, its noun and the verb that agrees: "1 sample holds", "2 samples hold"."""
     return f"{counted(count, noun)} {verb if count == 1 else verbs}"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -51,6 +51,19 @@ class WheelFit:
     residual_sigma: float
     samples: int
 
+    def with_prior(self, latency_sigma: float) -> WheelFit:
+        """The same with a latency that is 0 to so many seconds (1 sigma) unless the speeds show it.
+
+        Where speed hardly changes the fit's own latency may be any, and where it then does change,
+        readings would be used at a wrong time.
+        """
+        share = latency_sigma**2 / (latency_sigma**2 + self.latency_sigma**2)
+        return replace(
+            self,
+            latency_s=share * self.latency_s,
+            latency_sigma=float(np.sqrt(share)) * self.latency_sigma,
+        )
+
 
 def fit_wheels(
     time_ns: IntArray, reading: FloatArray, reference_ns: IntArray, reference: FloatArray
@@ -83,6 +96,7 @@ def fit_wheels(
     ahead, behind = (np.interp(t + d, t, reference) for d in (0.5 * SPAN_S, -0.5 * SPAN_S))
     gentle = use & (np.abs(ahead - behind) <= GENTLE * SPAN_S)
     use = gentle if gentle.sum() >= LEAST else use
+    changes = ((ahead - behind) / SPAN_S)[use]
     t, speed = t[use], reference[use]
     mean = _Mean(at, reading)
     if len(t) < LEAST or not mean(t).any():
@@ -102,8 +116,10 @@ def fit_wheels(
             break
     design = _design(mean, t[used], scale, lag)
     normal = design.T @ design
-    # Where speed never changes, a slope of nothing says nothing of latency
-    normal[1, 1] += 1e-12 * normal[0, 0]
+    # The slope of noisy readings is never 0. What it has in common with that of the reference,
+    # whose noise is another, is the vehicle's: nothing of latency where speed never changes
+    shared = float(design[:, 1] @ changes[used])
+    normal[1, 1] = max(shared, normal[0, 1] ** 2 / normal[0, 0]) + 1e-12 * normal[0, 0]
     rest = rest[used]
     variance = float(np.mean(rest**2)) * np.diag(np.linalg.inv(normal))
     own = [_inflation(t[used], column * rest) for column in design.T]

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 
 from sinstool.config import InputOptions
-from sinstool.core.english import all_that, counted
+from sinstool.core.english import counted, counted_clause
 from sinstool.core.errors import DataError, SinstoolError, TopicError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs, Stream, concatenate
@@ -147,7 +147,7 @@ def in_order(
         text = f"topic {topic}: {counted(stream.backward, 'message')} came out of order; sorted"
         findings.append(_counted("out-of-order", text, topic, stream.backward))
     if stream.repeated and not repeats:
-        repeat = all_that(stream.repeated, "message", "repeats", "repeat")
+        repeat = counted_clause(stream.repeated, "message", "repeats", "repeat")
         text = f"topic {topic}: {repeat} a stamp; left out"
         findings.append(_counted("repeated-stamps", text, topic, stream.repeated))
     return stream.stream, findings

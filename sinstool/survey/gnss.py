@@ -15,7 +15,7 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.core.arrays import BoolArray, IntArray
 from sinstool.core.choices import log_choice
-from sinstool.core.english import all_that
+from sinstool.core.english import counted_clause
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import SECOND
@@ -388,7 +388,7 @@ def _without_stuck(
         velocity = velocity.rows(~stuck_velocities(fixes, stuck, velocity))
     at = np.flatnonzero(stuck)
     seconds = (fixes.time_ns[at] - fixes.time_ns[at - 1]).sum() * 1e-9
-    repeat = all_that(count, "fix", "repeats", "repeat")
+    repeat = counted_clause(count, "fix", "repeats", "repeat")
     text = (
         f"topic {topic}: the receiver hangs for {seconds:.1f} s in all, as {repeat} an earlier one,"
         " although the next ones are far away; left out"

@@ -7,10 +7,11 @@ from typing import Any, cast
 
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import Imu, concatenate
-from sinstool.core.timeline import segments
+from sinstool.core.timeline import SECOND, segments
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.strapdown.followed_rates import with_followed
 from sinstool.methods.strapdown.joined_updates import joined_updates
+from sinstool.methods.strapdown.lost_samples import LostSamples
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentSamples
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
 from sinstool.survey.source import Source, nominal_interval, rate_blocks
@@ -60,6 +61,8 @@ class SegmentIncrements:
         config, source = self._config, self._source
         blocks = rate_blocks(source, config, start_ns, progress)
         stage: IncrementStage | None = None
+        sample_s = self._settings.nominal_ns / SECOND
+        lost = LostSamples(self._settings.algorithm.samples * sample_s, sample_s)
         waiting: SegmentSamples | None = None
         opening: Imu | None = None
         for piece in segments(blocks, source.survey.max_gap_ns):
@@ -67,7 +70,8 @@ class SegmentIncrements:
                 break
             if piece.starts:
                 if stage is not None and waiting is not None:
-                    yield from _answer(stage.finish(), waiting, opening)
+                    yield from _answer(stage.finish(), lost, waiting, opening)
+                lost.begin()
                 stage = IncrementStage(self._settings.stage)
                 waiting = SegmentSamples(int(piece.imu.time_ns[0]))
                 opening = piece.imu.rows(slice(0, 1))
@@ -75,11 +79,11 @@ class SegmentIncrements:
             imu = piece.imu
             self.samples += len(imu)
             made = stage.push(imu.gyro, imu.accel, waiting.push(imu))
-            yield from _answer(made, waiting, opening)
+            yield from _answer(made, lost, waiting, opening)
             if len(made.sample):
                 opening = None
         if stage is not None and waiting is not None:
-            yield from _answer(stage.finish(), waiting, opening)
+            yield from _answer(stage.finish(), lost, waiting, opening)
 
 
 def first_increments(
@@ -134,8 +138,8 @@ def _up_to_gap(
 
 
 def _answer(
-    made: Increments, waiting: SegmentSamples, opening: Imu | None
+    made: Increments, lost: LostSamples, waiting: SegmentSamples, opening: Imu | None
 ) -> Iterator[tuple[Increments, tuple[Imu, Imu | None]]]:
     """Updates with their samples, if there are any."""
     if len(made.sample):
-        yield made, (waiting.take(made.sample), opening)
+        yield lost.marked(made), (waiting.take(made.sample), opening)

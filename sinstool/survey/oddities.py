@@ -13,7 +13,7 @@ from itertools import chain
 import numpy as np
 
 from sinstool.config import InputOptions
-from sinstool.core.english import all_that, counted, in_seconds
+from sinstool.core.english import counted, counted_clause, in_seconds
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.order_statistics import median
 from sinstool.core.timeline import SECOND
@@ -298,7 +298,7 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
         lost = o.differing_duplicates > CONFLICTING * (s.count + o.duplicates)
         yield Finding(
             "duplicate-stamps",
-            f"{all_that(o.duplicates, 'sample', 'repeats', 'repeat')} a stamp"
+            f"{counted_clause(o.duplicates, 'sample', 'repeats', 'repeat')} a stamp"
             f" ({o.differing_duplicates} with other values); left out",
             severity=Severity.LOST if lost else Severity.WARNING,
             answer="give --imu-rate if stamps are too coarse for the rate, and check whether two"
@@ -362,14 +362,14 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if s.losses.malformed:
         yield Finding(
             "malformed",
-            f"{all_that(s.losses.malformed, 'message', 'does', 'do')} not fit the definition"
+            f"{counted_clause(s.losses.malformed, 'message', 'does', 'do')} not fit the definition"
             f" ({s.losses.problem}); left out",
             severity=Severity.LOST,
         )
     if s.losses.nonfinite:
         yield Finding(
             "not-finite",
-            f"{all_that(s.losses.nonfinite, 'sample', 'holds', 'hold')} NaN, infinity or more"
+            f"{counted_clause(s.losses.nonfinite, 'sample', 'holds', 'hold')} NaN, infinity or more"
             f" than {LARGEST:.0e}; left out",
             severity=Severity.LOST,
         )

@@ -85,6 +85,24 @@ def test_noise_of_readings_does_not_draw_the_latency_between_them():
         assert fit.latency_sigma < 0.01
 
 
+def test_the_slope_of_noise_is_no_change_of_speed():
+    """Noisy readings at 10 Hz of a speed that hardly changes: pulls were 10 sigmas rms."""
+    pulls = []
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        at = np.arange(0.0, 120.0, 0.1)
+        speed = 12.0 + 0.2 * np.sin(2.0 * np.pi * at / 40.0 + seed)
+        stamp = START + np.round(at * NS).astype(np.int64)
+        fit = fit_wheels(stamp, speed + 0.1 * random.standard_normal(len(at)), stamp, speed)
+        pulls.append(fit.latency_s / fit.latency_sigma)
+        usual = fit.with_prior(0.2)
+        assert abs(usual.latency_s) < abs(fit.latency_s)
+        assert 0.02 < usual.latency_sigma < 0.2
+    assert np.sqrt(np.mean(np.square(pulls))) < 2.5
+    known = fit_wheels(*made(0.98, 0.3))
+    assert known.with_prior(0.2).latency_s == pytest.approx(known.latency_s, abs=0.01)
+
+
 def test_slips_and_holes_do_not_count():
     stamp, reading, t, reference = made(0.98, 0.1)
     clean = fit_wheels(stamp, reading, t, reference)

@@ -24,7 +24,7 @@ from sinstool.methods.alignment.inflight import (
 )
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
 from sinstool.methods.alignment.level_bias import MOST_S, MOVING_M_S, LevelBias, level_bias
-from sinstool.methods.alignment.preparation import MIN_POSITION_SPAN_S, prepare_fixes
+from sinstool.methods.alignment.preparation import MIN_POSITION_SPAN_S, prepare_fixes, walk_of_lost
 from sinstool.methods.alignment.solution import carried
 from sinstool.methods.alignment.span_reader import NO_SAMPLES, SpanReader
 from sinstool.methods.sensor_errors import SensorGrade
@@ -126,7 +126,8 @@ class MotionAlignment:
         if result.errors is not None:
             bias = float(np.max(result.errors.sigma["gyro_bias"]))
             scale = float(np.max(result.errors.sigma["gyro_scale"]))
-        covariance = result.cov + grade.angle_random_walk**2 * seconds * np.eye(3)
+        walk = grade.angle_random_walk**2 + walk_of_lost(imu) ** 2
+        covariance = result.cov + walk * seconds * np.eye(3)
         for gain, sigma in ((per_bias, bias), (per_scale, scale)):
             covariance = covariance + sigma**2 * gain @ gain.T
         return q_nb, covariance

@@ -49,7 +49,12 @@ from sinstool.methods.alignment.inflight_types import (
     RefinedErrors,
     Status,
 )
-from sinstool.methods.alignment.preparation import BRIDGED_NS, prepare_fixes, stretches
+from sinstool.methods.alignment.preparation import (
+    BRIDGED_NS,
+    prepare_fixes,
+    stretches,
+    walk_of_lost,
+)
 from sinstool.methods.alignment.segments import Candidate, candidates
 from sinstool.methods.alignment.solution import (
     AttitudeChain,
@@ -198,7 +203,9 @@ def align_in_flight(
         answers = [
             candidate
             for part in parts
-            for candidate in candidates(part, fixes, settings, lift_off_ns, reasons)
+            for candidate in candidates(
+                part, fixes, _with_lost(settings, part.imu), lift_off_ns, reasons
+            )
         ]
         return len(parts), notes, answers, reasons
 
@@ -219,7 +226,16 @@ def align_in_flight(
     best = min(answers, key=lambda c: c.sigma_worst)
     if len(answers) > 1:
         warnings.append(f"{len(answers)} segments could be aligned; the best is used")
-    return _answer(best, settings, warnings + best.warnings)
+    return _answer(best, _with_lost(settings, best.stretch.imu), warnings + best.warnings)
+
+
+def _with_lost(settings: AlignmentSettings, imu: ImuIncrements) -> AlignmentSettings:
+    """Settings with the angle random walk of attitudes integrated across lost samples."""
+    lost = walk_of_lost(imu)
+    if lost == 0.0:
+        return settings
+    walk = float(np.hypot(settings.grade.angle_random_walk, lost))
+    return replace(settings, grade=replace(settings.grade, angle_random_walk=walk))
 
 
 def _lift_off(imu: ImuIncrements, settings: AlignmentSettings, warnings: list[str]) -> int:

@@ -11,9 +11,10 @@ from sinstool.core.english import counted
 from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
 from sinstool.core.running_median import running_median
-from sinstool.core.timeline import GAP_INTERVALS
+from sinstool.core.timeline import GAP_INTERVALS, SECOND
 from sinstool.methods.alignment.gate import dynamics, saturated
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
+from sinstool.methods.strapdown.lost_samples import LostSamples
 
 MISSING = 1.5
 """Of the usual interval: beyond, samples may be missing."""
@@ -131,6 +132,27 @@ def stretches(
             why = reason.get(int(begin), "saturated samples" if begin else "")
             parts.append(Stretch(imu.rows(slice(int(begin), int(end))), why))
     return parts, warnings
+
+
+def walk_of_lost(imu: ImuIncrements) -> float:
+    """Angle random walk of attitudes integrated across lost samples, rad/sqrt(s).
+
+    Parameters
+    ----------
+    imu : ImuIncrements
+        Of consecutive samples; their usual interval is the median.
+
+    Returns
+    -------
+    float
+        About the axis about which it is the largest; 0 where none was lost.
+    """
+    dt = np.diff(imu.time_ns) / SECOND
+    usual = float(median(dt)) if len(dt) else 0.0
+    if not (dt > MISSING * usual).any():
+        return 0.0
+    lost = LostSamples(usual, usual).push(dt, imu.delta_theta[1:], imu.delta_velocity[1:])
+    return float(np.sqrt(lost[:, :3].sum(axis=0).max() / dt.sum()))
 
 
 def prepare_fixes(

@@ -96,6 +96,10 @@ def carried_back(
     def total(values: FloatArray) -> FloatArray:
         return np.asarray(np.add.reduceat(values, begins, axis=0))
 
+    across = np.zeros((len(dt), 6)) if updates.lost is None else updates.lost
+    lost = np.concatenate(
+        [np.einsum("nij,nj,nkj->nik", c_nb, across[:, of], c_nb) for of in (P, V)], axis=1
+    )
     steps = zip(
         total(dt),
         total(np.einsum("nij,nj->ni", c_nb, gained)),
@@ -103,11 +107,12 @@ def carried_back(
         total(c_nb * turned[:, None, :]),
         total(c_nb * gained[:, None, :]),
         np.zeros((len(begins), 3)) if turned_unseen is None else total(turned_unseen),
+        total(lost),
         strict=True,
     )
     seconds, covariances = [0.0], [p[:9, :9]]
     densities = _noise(imu)
-    for length, force, turn, turn_scale, force_scale, unseen in reversed(list(steps)):
+    for length, force, turn, turn_scale, force_scale, unseen, bridged in reversed(list(steps)):
         f = np.eye(SIZE)
         f[P, V] = length * np.eye(3)
         f[V, A], f[V, BA], f[V, SA] = skew(force), turn, force_scale
@@ -122,7 +127,8 @@ def carried_back(
         turned_n = turn_scale.sum(axis=1)
         angle = max(float(np.linalg.norm(turned_n)), 1e-12)
         across = angle * np.eye(3) - np.outer(turned_n, turned_n) / angle
-        noise[A, A] += imu.gyro_misalignment**2 * TURN * across + np.diag(unseen)
+        noise[A, A] += imu.gyro_misalignment**2 * TURN * across + np.diag(unseen) + bridged[:3]
+        noise[V, V] += bridged[3:]
         back = np.linalg.inv(f)
         p = back @ (p + noise) @ back.T
         seconds.append(seconds[-1] + float(length))

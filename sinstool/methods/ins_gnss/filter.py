@@ -255,7 +255,8 @@ class InsGnssFilter:
         ----------
         increments : Increments
             Compensated, biases not taken off. Updates follow each other, or leave gaps: see
-            ``Settings.max_gap``. Without followed rates these are made of what is given here.
+            ``Settings.max_gap``. Without followed rates these are made of what is given here;
+            without variances of lost samples there are none.
         gnss : GnssEpochs, optional
             In order of their stamps. Position, velocity or both; a height or a vertical
             velocity may be missing alone. Standard deviations where the receiver gives them.
@@ -280,6 +281,7 @@ class InsGnssFilter:
         followed = increments.followed_rate
         if followed is None:
             followed = followed_rates(time_ns, interval, phi)
+        lost = np.empty((0, 6)) if increments.lost is None else increments.lost
         if phi.shape != (len(time_ns), 3) or dv.shape != phi.shape or interval.ndim != 1:
             raise ValueError(f"Expected shapes (n, 3), got {phi.shape} and {dv.shape}.")
         if np.any(np.diff(time_ns) <= 0) or not np.all(interval > 0.0):
@@ -329,6 +331,7 @@ class InsGnssFilter:
             phi,
             dv,
             np.ascontiguousarray(followed),
+            np.ascontiguousarray(lost),
             _seconds(fix_ns, origin),
             fixes,
             masks,

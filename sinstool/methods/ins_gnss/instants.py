@@ -151,6 +151,40 @@ def _uncertain_by_turning(m: Memory, model: Model) -> None:
 
 
 @part()
+def lose_samples(
+    m: Memory,
+    lost: FloatArray,
+    c00: float,
+    c01: float,
+    c02: float,
+    c10: float,
+    c11: float,
+    c12: float,
+    c20: float,
+    c21: float,
+    c22: float,
+) -> None:
+    """Make attitude and velocity less certain by the variances of samples that were lost."""
+    for first, of in ((states.ATTITUDE, 0), (states.VELOCITY, 3)):
+        x, y, z = lost[of], lost[of + 1], lost[of + 2]
+        north = m.p[first]
+        north[first] += x * c00 * c00 + y * c01 * c01 + z * c02 * c02
+        east = m.p[first + 1]
+        east[first + 1] += x * c10 * c10 + y * c11 * c11 + z * c12 * c12
+        down = m.p[first + 2]
+        down[first + 2] += x * c20 * c20 + y * c21 * c21 + z * c22 * c22
+        both = x * c00 * c10 + y * c01 * c11 + z * c02 * c12
+        north[first + 1] += both
+        east[first] += both
+        both = x * c00 * c20 + y * c01 * c21 + z * c02 * c22
+        north[first + 2] += both
+        down[first] += both
+        both = x * c10 * c20 + y * c11 * c21 + z * c12 * c22
+        east[first + 2] += both
+        down[first + 1] += both
+
+
+@part()
 def _white_of_many(m: Memory, model: Model) -> None:
     """White noise and known input of the samples within the substep."""
     a = model.where[states.I_CORRECTION]

@@ -54,6 +54,7 @@ def run(
     phi: FloatArray,
     dv: FloatArray,
     followed: FloatArray,
+    lost: FloatArray,
     fix_time: FloatArray,
     fixes: FloatArray,
     withheld: FloatArray,
@@ -86,6 +87,8 @@ def run(
         Rotation vectors, rad, and velocity increments, m/s.
     followed : ndarray, shape (n, 3)
         Rates that swing the antenna at the end of each update, rad/s.
+    lost : ndarray, shape (n, 6) or (0, 6)
+        Variances of rotation vectors and velocity increments by lost samples.
     fix_time : ndarray, shape (f,)
         When GNSS epochs are valid, s, in order.
     fixes : ndarray, shape (f, 12)
@@ -206,6 +209,8 @@ def run(
             ve0 = nav[V_NORTH + 1]
             vd0 = nav[V_DOWN]
             step(nav[:], px, py, pz, ux, uy, uz, d, 0)
+            if len(lost) > 0 and bridge == bridges and lost[k, 0] + lost[k, 3] > 0.0:
+                instants.lose_samples(m, lost[k], c00, c01, c02, c10, c11, c12, c20, c21, c22)
             m.now = now
             if model.has_network > 0.0:
                 dh, dw = propagate(

@@ -69,6 +69,7 @@ class OffsetsError:
             self._attitude = np.diag(np.einsum("iab,ab->i", np.asarray(turned), self._moment))
         self._latency_s = float(np.sqrt(self._moment[0, 0]))
         self._other_time = 0.5 * sample_s**2
+        self._squares = np.full((2, 3, 3), np.nan)
         self._slow = np.diag(np.square(np.asarray(slow_m, dtype=np.float64)))
         if shared:
             self._moment[0, 0] += self._other_time
@@ -93,6 +94,7 @@ class OffsetsError:
                 solution.q_nb,
                 solution.omega_ib_b,
                 solution.specific_force_b,
+                self._squares,
                 attitude,
                 np.empty((0, 3, 3)) if velocity is None else velocity,
             )
@@ -120,37 +122,50 @@ def _add_other_time(
     q: FloatArray,
     rate: FloatArray,
     force: FloatArray,
+    squares: FloatArray,
     attitude: FloatArray,
     velocity: FloatArray,
 ) -> None:
     """Add the errors by samples of another time, of this mean square, s^2, to covariances.
 
+    It counts how it moves in the latest samples: what shakes may stand still at one of them.
+
     Parameters
     ----------
     q, rate, force : ndarray, shape (n, 4), (n, 3) and (n, 3)
         Attitudes, and the rates and specific forces that the IMU measures.
+    squares : ndarray, shape (2, 3, 3)
+        Mean squares of rate and acceleration of the latest samples, each of which counts half as
+        much as the next, NED; NaN without one. Changed.
     attitude, velocity : ndarray, shape (n, 3, 3)
         Changed; a velocity without rows is not.
     """
     for i in range(len(q)):
         c = dcm(q[i, 0], q[i, 1], q[i, 2], q[i, 3])
-        _add_square(c, row(rate, i), 0.0, square, attitude[i])
+        _add_squares(c, row(rate, i), 0.0, square, squares[0], attitude[i])
         if len(velocity) > 0:
-            _add_square(c, row(force, i), STANDARD_GRAVITY, square, velocity[i])
+            _add_squares(c, row(force, i), STANDARD_GRAVITY, square, squares[1], velocity[i])
 
 
 @part()
-def _add_square(
-    c: tuple[float, ...], v: tuple[float, ...], down: float, factor: float, out: FloatArray
+def _add_squares(
+    c: tuple[float, ...],
+    v: tuple[float, ...],
+    down: float,
+    factor: float,
+    squares: FloatArray,
+    out: FloatArray,
 ) -> None:
-    """Add to `out` a factor times the square of a vector in NED: `v` turned by `c`, plus `down`."""
+    """Add to `out` a factor times mean squares, with that of `v` turned by `c`, plus `down`."""
     x, y, z = v
     north = c[0] * x + c[1] * y + c[2] * z
     east = c[3] * x + c[4] * y + c[5] * z
     turned = north, east, c[6] * x + c[7] * y + c[8] * z + down
+    first = np.isnan(squares[0, 0])
     for i, a in enumerate(turned):
         for j, b in enumerate(turned):
-            out[i, j] += factor * a * b
+            squares[i, j] = a * b if first else 0.5 * (squares[i, j] + a * b)
+            out[i, j] += factor * squares[i, j]
 
 
 @kernel()

@@ -80,6 +80,7 @@ def joined_updates(increments: Increments, below_s: float) -> Increments:
         turned,
         velocity,
         None if increments.followed_rate is None else increments.followed_rate[last],
+        None if increments.lost is None else np.add.reduceat(increments.lost, first),
     )
 
 

@@ -65,6 +65,9 @@ class Increments:
     followed_rate : ndarray, shape (n, 3), optional
         Of the body at each update's end, as a receiver follows it, rad/s: see
         :mod:`~sinstool.methods.strapdown.followed_rates`.
+    lost : ndarray, shape (n, 6), optional
+        Variances of rotation vector and velocity increment by samples that were lost, rad^2 and
+        (m/s)^2: see :mod:`~sinstool.methods.strapdown.lost_samples`.
     """
 
     sample: IntArray
@@ -73,6 +76,7 @@ class Increments:
     rotation_vector: FloatArray
     velocity_increment: FloatArray
     followed_rate: FloatArray | None = None
+    lost: FloatArray | None = None
 
 
 class IncrementStage:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sinstool.core.rotation import to_dcm
 from sinstool.core.streams import take_rows
 from sinstool.methods.ins_gnss import baro, instants
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -249,3 +250,23 @@ def test_a_steady_turn_goes_on_through_a_gap(flown):
     assert np.abs(away[:2]).max() * 6.4e6 < 0.1 and abs(away[2]) < 0.1
     assert np.abs(away[3:6]).max() < 0.02
     assert np.abs(away[6:]).max() < 1e-5
+
+
+def test_lost_samples_make_attitude_and_velocity_less_certain(flown):
+    """By the variances of their axes, in NED, from the update on; nothing else changes."""
+    few = take_rows(flown.increments, slice(0, 400))
+    lost = np.zeros((400, 6))
+    lost[-1] = 1e-6 * np.array([1.0, 5.0, 20.0, 300.0, 50.0, 700.0])
+    last = []
+    for increments in (few, replace(few, lost=lost)):
+        run = InsGnssFilter(flown.start, flown.using("markov-21"), with_baro=False, output=True)
+        last.append(run.push(increments).updates)
+    plain, doubted = (take_rows(updates, slice(-1, None)) for updates in last)
+    np.testing.assert_array_equal(plain.q_nb, doubted.q_nb)
+    c = to_dcm(last[0].q_nb[-2])  # at the start of the update
+    for name, of in (
+        ("covariance_attitude_n", slice(0, 3)),
+        ("covariance_velocity_n", slice(3, 6)),
+    ):
+        more = getattr(doubted, name)[0] - getattr(plain, name)[0]
+        np.testing.assert_allclose(more, c @ np.diag(lost[-1, of]) @ c.T, rtol=1e-6, atol=1e-12)

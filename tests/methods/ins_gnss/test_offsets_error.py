@@ -178,7 +178,32 @@ def test_samples_of_another_time_of_a_turned_body():
         (answer.covariance_attitude_n, turn),
         (answer.covariance_velocity_n, push),
     ):
-        assert np.allclose(covariance, 0.5 * 0.005**2 * v[:, :, None] * v[:, None, :])
+        squares = v[:, :, None] * v[:, None, :]
+        for k in range(1, len(v)):
+            squares[k] = 0.5 * (squares[k - 1] + squares[k])
+        assert np.allclose(covariance, 0.5 * 0.005**2 * squares)
+
+
+def test_what_shakes_may_stand_still_at_a_sample():
+    """A body that pitches to and fro by 0.3 deg at 6.2 Hz, sampled at 25 Hz."""
+    seconds, hertz = np.arange(400) * 0.04, 2.0 * np.pi * 6.2
+
+    def angle(t):
+        return np.radians(0.3) * np.sin(hertz * t)
+
+    rate = np.zeros((400, 3))
+    rate[:, 1] = (angle(seconds + 1e-4) - angle(seconds - 1e-4)) / 2e-4
+    solution = replace(turning(), q_nb=np.tile([1.0, 0, 0, 0], (400, 1)), omega_ib_b=rate)
+    solution = replace(solution, specific_force_b=np.tile([0.0, 0.0, -9.80665], (400, 1)))
+    error = OffsetsError(np.zeros((4, 4)), sample_s=0.02)
+    parts = [error.added(solution.rows(slice(k, k + 37))) for k in range(0, 400, 37)]
+    sigma = np.concatenate([np.sqrt(part.covariance_attitude_n[:, 1, 1]) for part in parts])
+    off = angle(seconds - 0.02) - angle(seconds)
+    # Half of the samples are so much off, in the mean
+    assert 0.8 < np.sqrt(np.mean(0.5 * off[5:] ** 2) / np.mean(sigma[5:] ** 2)) < 1.1
+    assert np.abs(off / sigma)[5:].max() < 2.0
+    whole = OffsetsError(np.zeros((4, 4)), sample_s=0.02).added(solution)
+    np.testing.assert_array_equal(np.sqrt(whole.covariance_attitude_n[:, 1, 1]), sigma)
 
 
 @pytest.mark.parametrize("interval", [0.07, 0.3, 0.9])

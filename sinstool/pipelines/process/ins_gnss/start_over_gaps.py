@@ -208,6 +208,7 @@ def _bridged(updates: Increments) -> tuple[Increments, BoolArray]:
         np.insert(dt, after, waited[after - 1]),
         motion[:, :3],
         motion[:, 3:],
+        lost=None if updates.lost is None else np.insert(updates.lost, after, 0.0, axis=0),
     )
     return whole, np.insert(np.zeros(len(dt), np.bool_), after, True)
 

@@ -20,6 +20,8 @@ LONGEST_S = 1.25
 LEAST_SIGMA, MOST_SIGMA = 0.1, 1.0
 # How long what is wrong with wheels lasts, s.
 LASTS_S = 2.0
+# A usual latency of their stamps, 1 sigma about 0, s.
+LATENCY_S = 0.2
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,7 @@ def use_wheels(
     fit = matched(wheels, track.time_ns[seen], forward[seen])
     if fit is None:
         return None
+    fit = fit.with_prior(LATENCY_S)
     measured = np.isfinite(means.rate).all(axis=1)
     yaw = means.rate[measured] @ c_vb[2]
     slips = slipping(wheels, means.time_ns[measured], yaw, fit.latency_s)
