@@ -247,13 +247,12 @@ def align_in_motion(
     def allowing_bias(one: MotionAlignment, level: LevelBias | None) -> MotionAlignment:
         if bias_unseen is None or not one.good or one.bias_shown:
             return one
-        bias, sigma = one.gyro_bias, bias_unseen
-        if level is not None and level.sigma < sigma:
-            bias, sigma = level.bias, level.sigma
+        sigma = bias_unseen if level is None else min(bias_unseen, level.sigma)
         errors = replace(settings.grade, gyro_bias=max(settings.grade.gyro_bias, sigma))
         # A solver, which estimates no bias, may not know the heading that a refinement finds
         for around in (settings.around, True):
-            again = tried(bias, errors, ends_ns, around)
+            # About the answer found, where the refinement is linear
+            again = tried(one.refined_bias, errors, ends_ns, around)
             if again is not None and again.good:
                 return again
         return replace(one, bias_assumed=sigma)
