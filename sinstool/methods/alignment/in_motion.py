@@ -43,6 +43,9 @@ SURPRISE = 1.0
 ROUNDS = 4
 # A log shows a bias if it leaves no more than this share of the sigma that was assumed.
 SHOWN = 0.7
+# Over a longer span, s, a bias that was not shown, but is far beyond what was assumed, leaves
+# residuals that no attitude explains.
+UNSEEN_S = 60.0
 # Sigmas by which a gyro bias may differ from that with which the vehicle goes where it points.
 MOST_OFF = 5.0
 # Vertical velocity is the slope of heights over this time before and after, s.
@@ -246,6 +249,8 @@ def align_in_motion(
 
     def allowing_bias(one: MotionAlignment, level: LevelBias | None) -> MotionAlignment:
         if bias_unseen is None or not one.good or one.bias_shown:
+            return one
+        if one.result.t_stop_ns - one.result.t_q_ns > UNSEEN_S * SECOND:
             return one
         sigma = bias_unseen if level is None else min(bias_unseen, level.sigma)
         errors = replace(settings.grade, gyro_bias=max(settings.grade.gyro_bias, sigma))

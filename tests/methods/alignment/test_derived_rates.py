@@ -70,4 +70,4 @@ def test_an_antenna_that_swings_is_no_inconsistency(tmp_path, seed):
     given_n = Rotation.from_quat(start.start.nav[6:10], scalar_first=True)
     off = (given_n * Rotation.from_matrix(truth.c_nb[row]).inv()).as_rotvec()
     assert (np.abs(off) < 3.0 * np.sqrt(np.diag(start.start.covariance_attitude_n))).all()
-    assert np.rad2deg(np.abs(off).max()) < 3.0
+    assert np.rad2deg(np.abs(off).max()) < 2.0
