@@ -41,6 +41,11 @@ SHORT_S = (15.0, 25.0, 40.0, 70.0, MOST_S)
 # the refinement is linear.
 SURPRISE = 1.0
 ROUNDS = 4
+# A log shows a bias if it leaves no more than this share of the sigma that was assumed.
+SHOWN = 0.7
+# Over a longer span, s, a bias that was not shown, but is far beyond what was assumed, leaves
+# residuals that no attitude explains.
+UNSEEN_S = 60.0
 # Sigmas by which a gyro bias may differ from that with which the vehicle goes where it points.
 MOST_OFF = 5.0
 # Vertical velocity is the slope of heights over this time before and after, s.
@@ -60,6 +65,8 @@ class MotionAlignment:
     bias_by_motion : bool
         That gyro bias was not given but found in the motion; before any refinement of its own
         that is as uncertain as the grade of `settings` says.
+    bias_assumed : float
+        Of a bias so large, rad/s (1 sigma), nothing was seen; allowing for it hides the attitude.
     """
 
     result: InFlightAlignment
@@ -67,6 +74,7 @@ class MotionAlignment:
     settings: AlignmentSettings
     fixes: GnssFixes
     bias_by_motion: bool = False
+    bias_assumed: float = 0.0
 
     @property
     def good(self) -> bool:
@@ -86,6 +94,13 @@ class MotionAlignment:
         if not self.good or errors is None:
             return True
         return bool(np.max(np.abs(errors.gyro_bias)) > SURPRISE * self.settings.grade.gyro_bias)
+
+    @property
+    def bias_shown(self) -> bool:
+        """Whether the fixes, rather than the grade, say what the gyro bias is."""
+        errors = self.result.errors
+        assumed = self.settings.grade.gyro_bias
+        return errors is None or bool(np.max(errors.sigma["gyro_bias"]) <= SHOWN * assumed)
 
     @property
     def refined_bias(self) -> FloatArray:
@@ -135,6 +150,7 @@ def align_in_motion(
     gyro_bias: FloatArray,
     ends_ns: Sequence[int | None],
     bias_unknown: float | None = None,
+    bias_unseen: float | None = None,
     notes: tuple[str, ...] = (),
     known: Known | None = None,
 ) -> MotionAlignment:
@@ -157,6 +173,9 @@ def align_in_motion(
     bias_unknown : float, optional
         Standard deviation of the gyro bias, rad/s, where the refinement shows that that of the
         sensors is too small.
+    bias_unseen : float, optional
+        The same where the fixes do not show the bias, so that an answer is only as good as what was
+        assumed of it.
     notes : tuple of str, optional
         Warnings that come before those of the alignment.
     known : dict, optional
@@ -185,12 +204,15 @@ def align_in_motion(
         return result
 
     def tried(
-        bias: FloatArray, errors: SensorGrade, ends: Sequence[int | None]
+        bias: FloatArray,
+        errors: SensorGrade,
+        ends: Sequence[int | None],
+        around: bool = settings.around,
     ) -> MotionAlignment | None:
         best: MotionAlignment | None = None
         refused: AlignmentError | None = None
         for end_ns in ends:
-            span = replace(settings, grade=errors, end_ns=end_ns)
+            span = replace(settings, grade=errors, end_ns=end_ns, around=around)
             try:
                 # Where the fixes do not do, samples need not be read.
                 prepare_fixes(fixes, span)
@@ -225,18 +247,36 @@ def align_in_motion(
                 break
         return rough
 
+    def allowing_bias(one: MotionAlignment, level: LevelBias | None) -> MotionAlignment:
+        if bias_unseen is None or not one.good or one.bias_shown:
+            return one
+        if one.result.t_stop_ns - one.result.t_q_ns > UNSEEN_S * SECOND:
+            return one
+        sigma = bias_unseen if level is None else min(bias_unseen, level.sigma)
+        errors = replace(settings.grade, gyro_bias=max(settings.grade.gyro_bias, sigma))
+        # A solver, which estimates no bias, may not know the heading that a refinement finds
+        for around in (settings.around, True):
+            # About the answer found, where the refinement is linear
+            again = tried(one.refined_bias, errors, ends_ns, around)
+            if again is not None and again.good:
+                return again
+        return replace(one, bias_assumed=sigma)
+
     best = tried(gyro_bias, settings.grade, ends_ns)
     if best is None:
         raise AlignmentError(NO_SAMPLES, "widen start and end")
-    if bias_unknown is None or not best.bias_surprises:
+    shown = bias_unseen is None or best.bias_shown
+    if shown and (bias_unknown is None or not best.bias_surprises):
         return best
     begin = samples.first_ns if settings.start_ns is None else settings.start_ns
     short = [begin + round(s * SECOND) for s in SHORT_S]
     beyond = short[-1] + SECOND
     last = ends_ns[-1]
     imu = samples.until(beyond if last is None else min(beyond, last))
-    ends = [end for end in short if end < imu.time_ns[-1]]
     level = level_bias(imu, fixes, begin)
+    if bias_unknown is None:
+        return allowing_bias(best, level)
+    ends = [end for end in short if end < imu.time_ns[-1]]
     rough = tried(gyro_bias, replace(settings.grade, gyro_bias=bias_unknown), ends)
     if (rough is None or not rough.good) and level is not None:
         errors = replace(settings.grade, gyro_bias=level.sigma)
@@ -247,10 +287,10 @@ def align_in_motion(
     # A bias a little beyond the ordinary may be what it is, and a large one an illusion
     found = [settled(one) for one in (best, rough) if one is not None and one.good]
     likeliest = min(found, key=lambda one: one.result.chi2, default=best)
-    if level is None or not _turns_away(likeliest, level):
-        return likeliest
-    goes = tried(level.bias, settings.grade, ends_ns)
-    return likeliest if goes is None or not goes.good else settled(goes)
+    if level is not None and _turns_away(likeliest, level):
+        goes = tried(level.bias, settings.grade, ends_ns)
+        likeliest = likeliest if goes is None or not goes.good else settled(goes)
+    return allowing_bias(likeliest, level)
 
 
 def _turns_away(moving: MotionAlignment, level: LevelBias) -> bool:

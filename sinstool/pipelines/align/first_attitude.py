@@ -283,7 +283,8 @@ def _from_motion(
     bias_sigma = None
     if config.align.gyro_bias == "still" and result.errors is not None:
         bias, source_of_bias = moving.refined_bias, "alignment"
-        bias_sigma = float(np.max(result.errors.sigma["gyro_bias"]))
+        shown = float(np.max(result.errors.sigma["gyro_bias"]))
+        bias_sigma = max(shown, moving.bias_assumed)
     elif moving.bias_by_motion:
         source_of_bias, bias_sigma = "alignment", moving.settings.grade.gyro_bias
     if not isinstance(config.align.gyro_bias, str):

@@ -32,6 +32,7 @@ from sinstool.methods.alignment.span_reader import MOST_SAMPLES, SpanReader
 from sinstool.methods.allan.coefficients import as_measured
 from sinstool.methods.receiver_priors import ARM_USUAL_M
 from sinstool.methods.sensor_errors import (
+    CALIBRATED,
     IMU_GRADES,
     LOW_COST,
     Grade,
@@ -151,6 +152,7 @@ def align_moving(
             bias if likely is None else likely,
             in_motion.spans(gate, begin, end, first, int(fixes.time_ns[-1])),
             UNKNOWN_BIAS if doubtful and likely is None else None,
+            CALIBRATED if doubtful else None,
             notes,
             known,
         )
@@ -163,11 +165,11 @@ def align_moving(
     known: in_motion.Known | None = None
     if doubtful and refuse_sigma > REFUSE_SIGMA:
         known = {}
-        # With the usual limit first: if the answer is good, a wider limit would not change it. It
-        # decides only whether another gyro bias is searched for.
+        # With the usual limit first: if the answer is good, a wider limit would not change it, but
+        # where it depends on an assumed bias. It decides only whether another bias is searched for.
         with suppress(AlignmentError):
             sure = begun(start, notes, REFUSE_SIGMA, known)
-            if sure.good:
+            if sure.good and not sure.bias_assumed:
                 return sure
     try:
         moving = begun(start, notes, known=known)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from sinstool.core.earth import normal_gravity
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate
 from sinstool.core.streams import Imu
@@ -183,6 +184,50 @@ def test_a_bias_that_turns_a_level_vehicle_off_its_course_gives_way(monkeypatch,
         SpanReader([imu]), "rate", 0.02, fixes, settings, np.zeros(3), [None], 0.5 * DEGREE
     )
     assert found.gyro_bias[2] == pytest.approx(DEGREE if aligns else 0.0, abs=0.01 * DEGREE)
+
+
+def corner(seed, bias):
+    """Ten seconds at 10 m/s with a corner of 90 deg in them: IMU, fixes, and the first heading."""
+    rng = np.random.default_rng(seed)
+    when = np.arange(1000)
+    time_ns = when * (SECOND // 100)
+    rate = 15.0 * DEGREE * ((when >= 100) & (when < 700))
+    heading = np.cumsum(rate) / 100.0 - 0.8
+    zero = np.zeros(1000)
+    # The Earth's rate is left out: it is a fiftieth of such a bias
+    gyro = np.column_stack([zero, zero, rate]) + bias + 2e-3 * rng.standard_normal((1000, 3))
+    accel = np.column_stack([zero, 10.0 * rate, zero - normal_gravity(0.5)])
+    accel += 0.03 * rng.standard_normal(3) + 0.01 * rng.standard_normal((1000, 3))
+    course = heading[9::10]
+    velocity = 10.0 * np.column_stack([np.cos(course), np.sin(course), np.zeros(100)])
+    velocity += 0.05 * rng.standard_normal((100, 3))
+    place = np.full(100, 0.5)
+    fixes = GnssFixes(time_ns[9::10], place, place, np.zeros(100), velocity, np.full(100, 0.05))
+    return Imu(time_ns, time_ns, gyro, accel), fixes, heading[9]
+
+
+UNSEEN = 0.2 * DEGREE
+
+
+def test_a_bias_that_a_short_log_does_not_show_is_in_the_sigmas():
+    """Ten seconds do not tell a bias of the gyros from a tilt and a bias of accelerometers."""
+    squares, within = [], []
+    for seed in range(8):
+        bias = UNSEEN * np.random.default_rng(100 + seed).standard_normal(3)
+        imu, fixes, heading = corner(seed, bias)
+        at = int(fixes.time_ns[0])
+        settings = AlignmentSettings(gate="off", at=at, refine=True, start_ns=0, grade=MEMS)
+        unknown = 0.5 * DEGREE, UNSEEN
+        found = align_in_motion(
+            SpanReader([imu]), "rate", 0.01, fixes, settings, np.zeros(3), [None], *unknown
+        )
+        assert found.good
+        error = psi(found.result.q_nb, from_euler([0.0, 0.0, heading]))
+        squares.append(error @ np.linalg.solve(found.result.cov, error) / 3.0)
+        off = np.abs(found.refined_bias - bias).max()
+        within.append(off / np.max(found.result.errors.sigma["gyro_bias"]))
+    assert np.mean(squares) < 2.0
+    assert np.max(within) < 4.0
 
 
 def carried_to_first_fix(moving, imu, gnss):
