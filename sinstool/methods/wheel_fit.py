@@ -13,9 +13,10 @@ EARLIEST_S, LATEST_S, STEP_S, SLOPE_S = -0.3, 1.0, 0.01, 0.05
 ROUNDS, SIGMAS = 5, 4.0
 # Of the fastest speeds, below which nothing is learnt of a scale; pairs that are needed
 MOVING, LEAST = 0.1, 30
-# m/s^2, beyond which wheels slip: at 10 m/s two per cent of slip for each m/s^2 look like 0.2 s of
-# latency. Over how much an acceleration is taken, s
-GENTLE, SPAN_S = 1.0, 1.0
+# Wheels that drive or brake slip by this share of their speed for each m/s^2 (1 sigma about 0), up
+# to so many m/s^2. At any one speed a slip looks like a latency: 0.02 at 10 m/s like 0.2 s. Over
+# how much an acceleration is taken, s
+SLIP, GENTLE, SPAN_S = 0.02, 3.0, 1.0
 # Readings are averaged over so many intervals, within limits, s: between two of them noise is less
 # than at one, and the latency would be drawn there
 INTERVALS, SHORTEST_S, LONGEST_S = 8.0, 0.2, 1.0
@@ -42,6 +43,9 @@ class WheelFit:
         Robust standard deviation of the reference less the readings so taken, m/s.
     samples : int
         Of the reference that were used.
+    slip : float
+        Share of the speed for each m/s^2 by which readings are too high as the vehicle is driven,
+        and too low as it brakes, s^2/m.
     """
 
     scale: float
@@ -50,6 +54,23 @@ class WheelFit:
     latency_sigma: float
     residual_sigma: float
     samples: int
+    slip: float = 0.0
+
+    def rolled(self, t: FloatArray, at: FloatArray, reading: FloatArray) -> FloatArray:
+        """Speed over ground at some times, m/s: scaled, without slip.
+
+        Parameters
+        ----------
+        t : ndarray, shape (k,)
+            s.
+        at, reading : ndarray, shape (n,)
+            When readings are valid, s, increasing; and what they are.
+        """
+        speed, behind, ahead = (
+            self.scale * np.interp(t + d, at, reading) for d in (0.0, -0.5 * SPAN_S, 0.5 * SPAN_S)
+        )
+        changes = np.clip((ahead - behind) / SPAN_S, -GENTLE, GENTLE)
+        return np.asarray(speed - self.slip * np.abs(speed) * changes)
 
     def with_prior(self, latency_sigma: float) -> WheelFit:
         """The same with a latency that is 0 to so many seconds (1 sigma) unless the speeds show it.
@@ -68,7 +89,9 @@ class WheelFit:
 def fit_wheels(
     time_ns: IntArray, reading: FloatArray, reference_ns: IntArray, reference: FloatArray
 ) -> WheelFit | None:
-    """Robust least squares of ``reference(t) = scale * reading(t + latency)``.
+    """Robust least squares of ``reference(t) = scale * reading(t + latency) - slip(t)``.
+
+    The slip is in proportion to speed and acceleration, by a factor that is usually within `SLIP`.
 
     Parameters
     ----------
@@ -96,34 +119,42 @@ def fit_wheels(
     ahead, behind = (np.interp(t + d, t, reference) for d in (0.5 * SPAN_S, -0.5 * SPAN_S))
     gentle = use & (np.abs(ahead - behind) <= GENTLE * SPAN_S)
     use = gentle if gentle.sum() >= LEAST else use
+    mean = _Mean(at, reading)
     changes = ((ahead - behind) / SPAN_S)[use]
     t, speed = t[use], reference[use]
-    mean = _Mean(at, reading)
+    push = np.abs(speed) * changes
     if len(t) < LEAST or not mean(t).any():
         return None
     lags = np.arange(EARLIEST_S, LATEST_S + 0.5 * STEP_S, STEP_S)
     used = np.ones(len(t), np.bool_)
-    scale, lag, sigma = 0.0, 0.0, 0.0
-    for _ in range(ROUNDS):
-        costs = [_cost(mean(t[used] + each), speed[used]) for each in lags]
-        scale, lag = _refined(mean, t[used], speed[used], float(lags[np.argmin(costs)]))
-        rest = speed - scale * mean(t + lag)
+    scale, lag, slip, sigma = 0.0, 0.0, 0.0, FINEST * fastest
+    for done in range(ROUNDS):
+        some, prior = (mean, t[used], speed[used], push[used]), sigma / SLIP
+        costs = [_cost(mean(t[used] + each), *some[2:], prior) for each in lags]
+        scale, lag, slip = _refined(*some, prior, float(lags[np.argmin(costs)]))
+        rest = speed - scale * mean(t + lag) + slip * push
         sigma = max(1.4826 * float(np.median(np.abs(rest))), FINEST * fastest)
         before, used = used, np.abs(rest) <= SIGMAS * sigma
         if used.sum() < LEAST:
             return None
-        if np.array_equal(before, used):
+        # The first residuals say how noisy the next ones are
+        if done and np.array_equal(before, used):
             break
-    design = _design(mean, t[used], scale, lag)
+    design = _design(mean, t[used], push[used], scale, lag)
     normal = design.T @ design
     # The slope of noisy readings is never 0. What it has in common with that of the reference,
     # whose noise is another, is the vehicle's: nothing of latency where speed never changes
-    shared = float(design[:, 1] @ changes[used])
-    normal[1, 1] = max(shared, normal[0, 1] ** 2 / normal[0, 0]) + 1e-12 * normal[0, 0]
+    shared, mixed = float(design[:, 1] @ changes[used]), normal[1, [0, 2]]
+    explained = mixed @ np.linalg.lstsq(normal[np.ix_([0, 2], [0, 2])], mixed, rcond=1e-12)[0]
+    normal[1, 1] = max(shared, float(explained)) + 1e-12 * normal[0, 0]
     rest = rest[used]
-    variance = float(np.mean(rest**2)) * np.diag(np.linalg.inv(normal))
-    own = [_inflation(t[used], column * rest) for column in design.T]
-    scale_sigma, lag_sigma = np.sqrt(variance * own).tolist()
+    power = float(np.mean(rest**2))
+    normal[2, 2] += power / SLIP**2
+    inverse = np.linalg.inv(normal)[:2]
+    by_slip = (power / SLIP * inverse[:, 2]) ** 2
+    by_noise = np.maximum(power * np.diag(inverse) - by_slip, 0.0)
+    own = [_inflation(t[used], column * rest) for column in design.T[:2]]
+    scale_sigma, lag_sigma = np.sqrt(by_noise * own + by_slip).tolist()
     return WheelFit(
         scale,
         scale_sigma,
@@ -131,6 +162,7 @@ def fit_wheels(
         lag_sigma,
         sigma,
         int(used.sum()),
+        slip,
     )
 
 
@@ -192,10 +224,12 @@ def _covered(at: FloatArray, t: FloatArray) -> BoolArray:
     )
 
 
-def _cost(turned: FloatArray, speed: FloatArray) -> float:
-    """Sum of squared residuals after fitting a scale."""
-    power = float(turned @ turned)
-    return float(speed @ speed) - (float(speed @ turned) ** 2 / power if power > 0.0 else 0.0)
+def _cost(turned: FloatArray, speed: FloatArray, push: FloatArray, prior: float) -> float:
+    """Sum of squared residuals after fitting a scale and a slip."""
+    design = np.stack([turned, -push], axis=1)
+    normal, seen = design.T @ design, design.T @ speed
+    normal[1, 1] += prior**2
+    return float(speed @ speed - seen @ np.linalg.lstsq(normal, seen, rcond=1e-12)[0])
 
 
 class _Mean:
@@ -212,23 +246,27 @@ class _Mean:
         return np.asarray((ends[0] - ends[1]) / (2.0 * self._half))
 
 
-def _design(mean: _Mean, t: FloatArray, scale: float, lag: float) -> FloatArray:
-    """Derivatives of the scaled reading by scale and latency, shape (n, 2)."""
+def _design(mean: _Mean, t: FloatArray, push: FloatArray, scale: float, lag: float) -> FloatArray:
+    """Derivatives of the modelled speed by scale, latency and slip, shape (n, 3)."""
     slope = (mean(t + lag + SLOPE_S) - mean(t + lag - SLOPE_S)) / (2.0 * SLOPE_S)
-    return np.stack([mean(t + lag), scale * slope], axis=1)
+    return np.stack([mean(t + lag), scale * slope, -push], axis=1)
 
 
-def _refined(mean: _Mean, t: FloatArray, speed: FloatArray, lag: float) -> tuple[float, float]:
-    """Scale and latency between those that are tried: three steps of Gauss and Newton."""
+def _refined(
+    mean: _Mean, t: FloatArray, speed: FloatArray, push: FloatArray, prior: float, lag: float
+) -> tuple[float, float, float]:
+    """Scale, latency between those that are tried, slip: three steps of Gauss and Newton."""
     turned = mean(t + lag)
-    scale = float(speed @ turned / (turned @ turned))
+    scale, slip = float(speed @ turned / (turned @ turned)), 0.0
     about = lag
     for _ in range(3):
-        rest = speed - scale * mean(t + lag)
-        step = np.linalg.lstsq(_design(mean, t, scale, lag), rest, rcond=1e-9)[0]
-        scale += float(step[0])
+        rest = np.append(speed - scale * turned + slip * push, -prior * slip)
+        design = np.vstack([_design(mean, t, push, scale, lag), [0.0, 0.0, prior]])
+        step = np.linalg.lstsq(design, rest, rcond=1e-9)[0]
+        scale, slip = scale + float(step[0]), slip + float(step[2])
         lag = float(np.clip(lag + step[1], about - STEP_S, about + STEP_S))
-    return scale, lag
+        turned = mean(t + lag)
+    return scale, lag, slip
 
 
 def _inflation(t: FloatArray, score: FloatArray) -> float:

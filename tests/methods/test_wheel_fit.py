@@ -19,14 +19,18 @@ def speed_at(t, seed=0):
     return np.convolve(np.interp(t, knots, levels), np.ones(21) / 21, "same")
 
 
-def made(scale=1.0, latency=0.0, noise=0.05, slow=0.0, seconds=600.0, seed=0):
-    """Readings at 20 Hz and a reference at 5 Hz, whose noise is white or alike over 3 s."""
+def made(scale=1.0, latency=0.0, noise=0.05, slow=0.0, seconds=600.0, seed=0, slip=0.0):
+    """Readings at 20 Hz and a reference at 5 Hz, whose noise is white or alike over 3 s.
+
+    Wheels slip by the share `slip` of the speed for each m/s^2.
+    """
     random = np.random.default_rng(seed)
     fine = np.arange(-10.0, seconds + 10.0, 0.01)
     truth = speed_at(fine, seed)
     at = np.arange(0.0, seconds, 0.05) + random.uniform(-0.002, 0.002, round(seconds * 20))
     t = np.arange(0.03, seconds, 0.2)
-    reading = np.interp(at - latency, fine, truth) / scale
+    wheel = truth + slip * np.abs(truth) * np.gradient(truth, fine)
+    reading = np.interp(at - latency, fine, wheel) / scale
     error = noise * random.standard_normal(len(t))
     if slow:
         drift = random.standard_normal(len(t))
@@ -62,7 +66,8 @@ def test_residual_sigma_is_at_least_a_thousandth_of_the_speed(unit):
 def test_sigmas_are_those_of_the_errors(slow):
     pulls = []
     for seed in range(40):
-        fit = fit_wheels(*made(0.98, 0.1, slow=slow, seconds=300.0, seed=seed))
+        slip = 0.02 * np.random.default_rng(seed).standard_normal()
+        fit = fit_wheels(*made(0.98, 0.1, slow=slow, seconds=300.0, seed=seed, slip=slip))
         pulls.append(
             [(fit.scale - 0.98) / fit.scale_sigma, (fit.latency_s - 0.1) / fit.latency_sigma]
         )
@@ -101,6 +106,45 @@ def test_the_slope_of_noise_is_no_change_of_speed():
     assert np.sqrt(np.mean(np.square(pulls))) < 2.5
     known = fit_wheels(*made(0.98, 0.3))
     assert known.with_prior(0.2).latency_s == pytest.approx(known.latency_s, abs=0.01)
+
+
+def city(seed, latency):
+    """A car that changes speed by 2 m/s^2 between lights; noisy readings, fixes at 2 Hz."""
+    random = np.random.default_rng(seed)
+    fine = np.arange(-5.0, 125.0, 0.01)
+    speed, level = np.zeros(len(fine)), 0.0
+    for begin in range(0, len(fine), 1500):
+        other = random.uniform(0.0, 16.0)
+        ramp = np.clip(2.0 * np.arange(1500) * 0.01, 0.0, abs(other - level))
+        speed[begin : begin + 1500] = (level + np.sign(other - level) * ramp)[: len(fine) - begin]
+        level = other
+    at, t = np.arange(0.0, 120.0, 0.1), np.arange(0.03, 120.0, 0.5)
+    reading = np.interp(at - latency, fine, speed) + 0.1 * random.standard_normal(len(at))
+    reference = np.interp(t, fine, speed) + 0.02 * random.standard_normal(len(t))
+    stamp, reference_ns = (START + np.round(x * NS).astype(np.int64) for x in (at, t))
+    return stamp, reading, reference_ns, reference
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.2])
+def test_ramps_between_constant_speeds_show_the_latency(latency):
+    """Their ends alone drew it by more than 0.1 s, 4 sigmas."""
+    found = [fit_wheels(*city(seed, latency)) for seed in range(20)]
+    errors = np.array([fit.latency_s - latency for fit in found])
+    sigmas = np.array([fit.latency_sigma for fit in found])
+    assert np.abs(errors).max() < 0.06 and np.median(sigmas) < 0.02
+    assert np.sqrt(np.mean((errors / sigmas) ** 2)) < 1.5
+
+
+@pytest.mark.parametrize("slip", [-0.015, 0.0, 0.03])
+def test_a_slip_by_acceleration_is_found_and_taken_off(slip):
+    stamp, reading, t, reference = made(0.5, 0.1, noise=0.02, slip=slip)
+    fit = fit_wheels(stamp, reading, t, reference)
+    assert fit.slip == pytest.approx(slip, abs=2e-3)
+    assert fit.latency_s == pytest.approx(0.1, abs=0.02)
+    begin = int(stamp[0])
+    seconds, at = (t - begin) * 1e-9, (stamp - begin) * 1e-9
+    rest = fit.rolled(seconds, at - fit.latency_s, reading) - reference
+    assert np.sqrt(np.mean(rest[10:-10] ** 2)) < 0.05
 
 
 def test_slips_and_holes_do_not_count():

@@ -78,7 +78,9 @@ def use_wheels(
     grid_ns = means.start_ns + STEP_NS * np.arange(len(means), dtype=np.int64)
     # From one origin, or nanoseconds since 1970 would be rounded
     origin = int(time_ns[0])
-    speed = fit.scale * np.interp(grid_ns - origin, time_ns - origin, wheels.speed[good])
+    at = np.asarray(1e-9 * (time_ns - origin), np.float64)
+    steps = np.asarray(1e-9 * (grid_ns - origin), np.float64)
+    speed = fit.rolled(steps, at, wheels.speed[good])
     after = np.clip(np.searchsorted(time_ns, grid_ns), 1, len(time_ns) - 1)
     inside = (grid_ns >= time_ns[0]) & (grid_ns <= time_ns[-1])
     speed[~inside | (time_ns[after] - time_ns[after - 1] > LONGEST_S * SECOND)] = np.nan
