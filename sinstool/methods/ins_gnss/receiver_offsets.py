@@ -38,6 +38,10 @@ from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.receiver_priors import ARM_GIVEN_M, ARM_UNKNOWN_M, ARM_USUAL_M, LATENCY_S
 from sinstool.methods.strapdown.velocity import Increments
 
+EVIDENCE = 0.25
+"""Part of the difference of -2 log likelihood between two latencies that counts: what innovations
+have in common with no model is alike over several of them."""
+
 BEYOND, LATENCY_BEYOND, LEAST_LATENCY_S = 4.0, 3.0, 0.01
 """An estimate contradicts the assumed arm or latency if it differs by more than so many sigmas (the
 arm has three axes, the latency one), and a latency also by more than so many seconds."""
@@ -156,6 +160,23 @@ class ReceiverOffsets:
             arm_off_b=both[1:] - np.asarray(arm_b),
             arm_off_sigma_b=np.sqrt(np.diag(covariance)[1:]),
         )
+
+    def against(self, latency_s: float, square: float) -> ReceiverOffsets:
+        """The same, no less certain than the likelihood of a latency allows.
+
+        Parameters
+        ----------
+        latency_s : float
+            That the user gave, s.
+        square : float
+            With it, the mean normalised square of the innovations.
+        """
+        gain = EVIDENCE * self.rows * (square / self.square - 1.0)
+        if gain <= LATENCY_BEYOND**2:
+            return self
+        sigma_s = abs(self.latency_s - latency_s) / np.sqrt(gain)
+        spread = sigma_s / float(np.sqrt(self.covariance[0, 0]))
+        return replace(self, spread=min(self.spread, max(1.0, spread)))
 
     def latency_contradicts(self, latency_s: float) -> bool:
         """Whether the log shows that a latency, s, which the user gave is wrong."""

@@ -169,6 +169,8 @@ def with_offsets(
     start, status = first, "not observable"
     if config.gnss.gnss_latency is not None:
         status = "given"
+        if offsets is not None and agrees:
+            offsets = offsets.against(assumed, at_first)
     elif offsets is not None and offsets.observable:
         status = "found" if agrees else "not settled"
         if used != assumed and not (

@@ -304,6 +304,19 @@ def test_what_was_given_is_right_until_the_log_contradicts_it():
     assert hardly.error_of(0.0, configured=False)[0, 0] == pytest.approx(LATENCY_S**2)
 
 
+@pytest.mark.parametrize(
+    ("square", "sigmas"),
+    # A quarter of rows times the relative increase, 1000 * (0.84 / 0.75 - 1), is 30
+    [(0.84, np.sqrt(30.0)), (0.76, 2.0), (0.6, 2.0), (6.0, 8.0)],
+)
+def test_fixes_that_are_far_less_likely_with_a_given_latency_deny_it(square, sigmas):
+    """A told 0.3 s stood, and positions were 75 sigmas off: 36 +- 140 ms denied nothing."""
+    follows = replace(offsets_at(0.04, 0.0325), spread=4.0, square=0.75, rows=1000.0)
+    denies = follows.against(0.3, square)
+    assert denies.sigma_s == pytest.approx(0.26 / sigmas)
+    assert denies.latency_contradicts(0.3) == (square > 0.8)
+
+
 def test_steps_lead_to_the_latency_that_is_its_own_estimate():
     tried = []
 
