@@ -88,6 +88,13 @@ class MotionAlignment:
         return errors is not None and errors.chi2 <= INCONSISTENT_CHI2
 
     @property
+    def fits(self) -> bool:
+        """Whether neither the solver nor a refinement, if there is one, contradicts the noise."""
+        result = self.result
+        refined = 0.0 if result.errors is None else result.errors.chi2
+        return max(result.chi2, refined) <= INCONSISTENT_CHI2
+
+    @property
     def bias_surprises(self) -> bool:
         """Whether there is no heading, or a gyro bias beyond what the grade allows."""
         errors = self.result.errors
