@@ -83,16 +83,9 @@ class MotionAlignment:
 
     @property
     def consistent(self) -> bool:
-        """Whether its residuals are about as large as the assumed noise explains."""
+        """Whether its refined residuals are about as large as the assumed noise explains."""
         errors = self.result.errors
         return errors is not None and errors.chi2 <= INCONSISTENT_CHI2
-
-    @property
-    def fits(self) -> bool:
-        """Whether neither the solver nor a refinement, if there is one, contradicts the noise."""
-        result = self.result
-        refined = 0.0 if result.errors is None else result.errors.chi2
-        return max(result.chi2, refined) <= INCONSISTENT_CHI2
 
     @property
     def bias_surprises(self) -> bool:

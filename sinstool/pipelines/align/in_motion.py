@@ -146,7 +146,7 @@ def align_moving(
         return gated
     with suppress(AlignmentError):
         whole = through("off", NEVER_CALM)
-        if whole.good and whole.fits:
+        if whole.good and whole.consistent:
             return whole
     return gated
 
