@@ -57,7 +57,7 @@ def test_wild_velocities_do_not_move_a_vehicle_at_rest(rate):
     noise = wild * random.standard_normal((len(gnss), 3))
     resting = dataclasses.replace(gnss, velocity_n=noise)
     assert moving_at(resting, 0, 6 * SECOND) is None
-    driving = dataclasses.replace(gnss, velocity_n=noise + [3.0, 4.0, 0.0])
+    driving = dataclasses.replace(gnss, velocity_n=noise + np.array([3.0, 4.0, 0.0]))
     assert moving_at(driving, 0, 6 * SECOND) == pytest.approx(5.0, abs=0.2)
 
 
