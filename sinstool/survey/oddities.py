@@ -24,11 +24,13 @@ from sinstool.survey.imu import CONFLICTING, Survey
 from sinstool.survey.stuck_axes import StuckAxis
 from sinstool.survey.two_sensors import finding as of_two_sensors
 from sinstool.survey.unit_evidence import (
+    GRAVITY_SIZES,
     LEAST_MISFIT,
     accel_looks_like_g,
     degrees_look_like_radians,
     gyro_looks_like_degrees,
     may_spin_fast,
+    rests_under_gravity,
     turns_like_degrees,
 )
 
@@ -42,8 +44,6 @@ LEAST_GRAVITY = 0.7
 # within this share of gravity.
 WEIGHTLESS = 0.8
 INCREMENT = 0.05
-# Usual range of the mean specific force of half a second, m/s^2.
-GRAVITY_SIZES = 7.0, 13.0
 # Rates of a moving vehicle that never exceed this, deg/s, are suspect; and the least variation of
 # the mean specific force of half a second in motion, as a share of its size.
 SLOW_DEG_S = 3.0
@@ -132,6 +132,8 @@ def _units(s: Survey, options: InputOptions) -> Iterator[Finding]:
             " as rad/s, but gravity in the body shows as little of such a spin as of one in deg/s",
             answer="add --gyro-unit deg/s or --gyro-unit rad/s, whichever is right",
         )
+    if rests_under_gravity(s.lead_in, s.spans):
+        return
     if accel_looks_like_g(force):
         text = f"topic {s.topic}: the specific force is {force:.3f} in size, as in units of g"
         if options.accel_unit is None:

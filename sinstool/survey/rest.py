@@ -211,7 +211,7 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     fast = inside.rows(inside.has_velocity)
     if len(fast):
         least = max(MOVING_M_S, SIGMAS * _usual(fast.sigma_velocity_n, 0.0))
-        if _median_speed_of_means(fast) <= least:
+        if _usual_speed(fast) <= least:
             return None
         return float(median(np.linalg.norm(fast.velocity_n[:, :2], axis=1)))
     fixed = inside.rows(inside.has_position)
@@ -233,16 +233,15 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     return apart / APART_S if apart > max(MOVING_M, 2.0 * noise) else None
 
 
-def _median_speed_of_means(gnss: GnssEpochs) -> float:
-    """Median horizontal speed of the means of velocity over `APART_S`, m/s.
+def _usual_speed(gnss: GnssEpochs) -> float:
+    """Median horizontal speed of the medians of velocity over `APART_S`, m/s.
 
-    Means have less noise, and that of a vehicle in a circle keeps its speed.
+    They have less noise than single velocities, and wild ones are not in them; that of a vehicle in
+    a circle keeps its speed.
     """
     piece = (gnss.time_ns - gnss.time_ns[0]) // round(APART_S * SECOND)
-    first = np.flatnonzero(np.diff(piece, prepend=-1))
-    count = np.diff(first, append=len(gnss))[:, None]
-    means = np.add.reduceat(gnss.velocity_n[:, :2], first) / count
-    return float(median(np.linalg.norm(means, axis=1)))
+    pieces = np.split(gnss.velocity_n[:, :2], np.flatnonzero(np.diff(piece)) + 1)
+    return float(median(np.array([np.linalg.norm(median(part, axis=0)) for part in pieces])))
 
 
 def _near(gnss: GnssEpochs, start_ns: int, end_ns: int) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from sinstool.core import rotation
 from sinstool.core.order_statistics import median
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
-from sinstool.methods.alignment.still import UNITS, WINDOW_NS, Windows
+from sinstool.methods.alignment.still import UNITS, WINDOW_NS, StillSpan, Windows
 
 # Readings of the gyro in rad/s and deg/s are distinguished if the tilts that they predict differ by
 # this.
@@ -35,6 +36,8 @@ RADIANS_SCALE = 7.5
 LIVELY_RAD_S = 0.7
 # RMS of half-second means, rad/s, of a spin that few vehicles have: 290 deg/s.
 SPINNING_RAD_S = 5.0
+# Usual range of the mean specific force of half a second, m/s^2.
+GRAVITY_SIZES = 7.0, 13.0
 # Number of the most even windows whose mean shows a bias, if the vehicle rests in them.
 QUIETEST = 4
 # No IMU measures 100 rad/s (5 700 deg/s); many reach 100 deg/s.
@@ -242,3 +245,14 @@ def _turned(direction: np.ndarray, turn: np.ndarray) -> np.ndarray:
 def accel_looks_like_g(specific_force_median: float) -> bool:
     """Whether a specific force read as m/s^2 must be in g: its usual size is about one."""
     return 0.8 < specific_force_median < 1.25
+
+
+def rests_under_gravity(lead_in: StillSpan | None, spans: Sequence[StillSpan]) -> bool:
+    """Whether the rest at the beginning, or else the longest one, feels gravity in m/s^2.
+
+    Then that is the unit, however little a log feels that mostly falls, as a rocket's does, or how
+    much one feels that burns most of the time.
+    """
+    rest = lead_in or max(spans, key=lambda span: span.duration_s, default=None)
+    low, high = GRAVITY_SIZES
+    return rest is not None and bool(low < np.linalg.norm(rest.accel) < high)

@@ -28,6 +28,9 @@ LONG, SHORT = (100.0, 100.0, 0.25), (10.0, 20.0, 0.5)
 QUARTILE = 0.75
 # Displacements take at most this time, s, and there are at least so many.
 LONGEST_S, LEAST = 120.0, 5
+# A velocity that differs by this, m/s, and by this share of its size from the median of those
+# around it is a wild one, which says nothing of axes and units.
+WILD_M_S, WILD_SHARE = 5.0, 0.5
 # Samples further apart than this are not integrated across, s.
 APART_S = 2.0
 # Fixes on either side for the running median of fix less integrated velocity.
@@ -81,11 +84,14 @@ def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
     place = north + 1j * east
     t = (velocity.time_ns - fixes.time_ns[0]) / SECOND
     rate = velocity.velocity_n[:, 0] + 1j * velocity.velocity_n[:, 1]
+    usual = _middle(rate)
+    tame = np.abs(rate - usual) <= np.maximum(WILD_M_S, WILD_SHARE * np.abs(usual))
+    t, rate = t[tame], rate[tame]
     step = np.diff(t)
     way = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * step)])
     holes = np.concatenate([[0], np.cumsum(step > max(APART_S, 3.0 * float(median(step))))])
     run = np.interp(seconds, t, way.real) + 1j * np.interp(seconds, t, way.imag)
-    hole = holes[np.searchsorted(t, seconds, "right") - 1]
+    hole = holes[np.maximum(np.searchsorted(t, seconds, "right") - 1, 0)]
     sigma = usual_noise(fixes)
     place = run + _middle(place - run)
     for metres, sigmas, most in (LONG, SHORT):
@@ -103,7 +109,7 @@ def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
 
 
 def _middle(off: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Running median of differences, north and east, shape (n,), which no single bad fix moves.
+    """Running median, north and east, shape (n,), which no single bad fix or velocity moves.
 
     A wrong velocity makes a difference that grows; a bad fix is off by itself. Left in, bad fixes
     are ways that no velocity explains, and where a vehicle hardly moves the only long ones.

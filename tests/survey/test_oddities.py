@@ -497,3 +497,13 @@ def test_vibration_and_long_turns_are_no_odd_size_of_gravity(rows, findings_of):
     rows.gyro = np.tile([0.0, -turn * np.sin(bank), turn * np.cos(bank)], (N, 1))
     rows.accel = np.tile([0.0, 0.0, G / np.cos(bank)], (N, 1))
     assert "gravity-size" not in findings_of(rows)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1.0 / G], ids=["m/s^2", "g"])
+def test_a_rocket_that_falls_is_not_in_units_of_g(rows, findings_of, unit):
+    """What it feels most of the time is the air alone, and about 1 m/s^2; it rests before."""
+    rows.accel[400:600] *= 4.0
+    rows.accel[600:] *= 0.1
+    rows.accel *= unit
+    questioned = {"accel-unit", "gravity-size", "no-gravity"} & set(findings_of(rows))
+    assert bool(questioned) == (unit != 1.0)

@@ -48,6 +48,19 @@ def test_a_rest_minutes_after_the_last_fix_is_not_refuted():
     assert moving_at(late, 0, 30 * SECOND) is None
 
 
+@pytest.mark.parametrize("rate", [5, 20])
+def test_wild_velocities_do_not_move_a_vehicle_at_rest(rate):
+    """One in twelve is off by tens of m/s; the others say 5 cm/s."""
+    random = np.random.default_rng(rate)
+    gnss = straight(np.arange(0, 6 * rate) * (SECOND // rate), 0.0)
+    wild = np.where(random.random((len(gnss), 1)) < 0.08, 40.0, 0.05)
+    noise = wild * random.standard_normal((len(gnss), 3))
+    resting = dataclasses.replace(gnss, velocity_n=noise)
+    assert moving_at(resting, 0, 6 * SECOND) is None
+    driving = dataclasses.replace(gnss, velocity_n=noise + np.array([3.0, 4.0, 0.0]))
+    assert moving_at(driving, 0, 6 * SECOND) == pytest.approx(5.0, abs=0.2)
+
+
 def circling(radius, speed, *, with_velocity):
     """A vehicle in a steady circle, a fix a second for five minutes."""
     t = np.arange(0.0, 300.0)

@@ -263,3 +263,16 @@ def test_no_topic_is_used_where_none_is_named(tmp_path, roads):
     assert read(log, gnss_topic="none", velocity_topic=topic).gnss.has_velocity.all()
     fixes = read(log, velocity_topic="none").gnss
     assert fixes.has_position.all() and not fixes.has_velocity.any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_few_wild_velocities_are_no_wrong_axes(roads, seed):
+    """A receiver at 1 Hz of whose velocities one in twelve is off by tens of m/s."""
+    gnss, velocity = measured(roads[seed], seed)
+    velocity = velocity.rows(slice(0, None, 10))
+    random = np.random.default_rng([seed, 7])
+    wild = np.where(random.random(len(velocity)) < 0.08, 40.0, 0.0)[:, None]
+    said = velocity.velocity_n + wild * random.standard_normal((len(velocity), 3))
+    assert not agreement(gnss, replace(velocity, velocity_n=said)).contradicts
+    # and the wrong ones among them are still found
+    assert agreement(gnss, replace(velocity, velocity_n=3.6 * said)).contradicts

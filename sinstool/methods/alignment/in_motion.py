@@ -83,7 +83,7 @@ class MotionAlignment:
 
     @property
     def consistent(self) -> bool:
-        """Whether its residuals are about as large as the assumed noise explains."""
+        """Whether its refined residuals are about as large as the assumed noise explains."""
         errors = self.result.errors
         return errors is not None and errors.chi2 <= INCONSISTENT_CHI2
 

@@ -250,8 +250,8 @@ class _Likelihood:
             misfit, chance = self._misfit(p)
         if chance > SELDOM:
             misfit = 1.0
-        seen = [self._visible(k, p, misfit) for k in range(len(TERMS))]
-        terms = {name: self._term(k, p, misfit, seen) for k, name in enumerate(TERMS)}
+        there = [self._there(k, p, misfit) for k in range(len(TERMS))]
+        terms = {name: self._term(k, p, misfit, there) for k, name in enumerate(TERMS)}
         terms["ramp"] = self._ramp_term(p, misfit)
         ramp = self._ramp_of(p)[0]
         from_lag = self._shortest()
@@ -364,15 +364,16 @@ class _Likelihood:
                 p[2:] = np.maximum(p[2:], 1e-9 * scale[2:])
             value, slope, information = self._deviance(p)
         for _ in range(60):
-            scaled = slope * scale
-            free = (p > lowest) | (scaled < 0.0)
+            free = (p > lowest) | (slope < 0.0)
             free[list(fixed)] = False
             if not free.any():
                 break
-            matrix = (information * np.outer(scale, scale))[np.ix_(free, free)]
+            # In units of their own sigmas: a random walk that hardly shows would hide all others
+            unit = 1.0 / np.sqrt(np.diagonal(information)[free])
+            matrix = information[np.ix_(free, free)] * np.outer(unit, unit)
             matrix[np.diag_indices(len(matrix))] *= 1.0 + 1e-9
             step = np.zeros(4)
-            step[free] = -scale[free] * np.linalg.lstsq(matrix, scaled[free], rcond=1e-14)[0]
+            step[free] = -unit * np.linalg.lstsq(matrix, unit * slope[free], rcond=1e-14)[0]
             size, better = 1.0, False
             for _ in range(30):
                 tried = np.maximum(p + size * step, lowest)
@@ -404,15 +405,15 @@ class _Likelihood:
         worst = max(total / freedom for total, freedom in tests)
         return max(worst, 1.0), min(len(tests) * chance, 1.0)
 
-    def _visible(self, k: int, p: FloatArray, misfit: float) -> bool:
-        """Whether the data denies the absence of a term that is a fair part of the curve."""
+    def _there(self, k: int, p: FloatArray, misfit: float) -> bool:
+        """Whether the data denies the absence of a term."""
         without = p.copy()
         without[k] = 0.0
         risen = self._minimise(without, (k,))[1] - self._minimise(p)[1]
-        return risen > SURE * misfit and self._share(k, p) > SHARE
+        return risen > SURE * misfit
 
-    def _term(self, k: int, p: FloatArray, misfit: float, seen: list[bool]) -> Term:
-        """A term's interval: between that with all others and that with the visible alone.
+    def _term(self, k: int, p: FloatArray, misfit: float, there: list[bool]) -> Term:
+        """A term's interval: between that with all others and that with those alone that are there.
 
         Others that cannot be negative move the likeliest value of this one where they are small,
         or nothing: the first interval alone then holds the truth too seldom, the second where they
@@ -421,13 +422,13 @@ class _Likelihood:
         name = TERMS[k]
         target = INTERVAL * (FLICKER_INTERVAL if name == "flicker" else 1.0)
         high = self._edge(k, p, (), misfit, +1.0, target)
-        if not seen[k]:
+        if not (there[k] and self._share(k, p) > SHARE):
             return Term(None, 0.0, sqrt(max(high, 0.0)))
         low, value = self._edge(k, p, (), misfit, -1.0, target), float(p[k])
         # White noise is in every sensor, whether or not another term hides it, and so is
         # quantisation where a sensor counts, or filters
-        there = TERMS[:2] if self._data.counted or self._first else ("white",)
-        hidden = tuple(j for j, n in enumerate(TERMS) if not seen[j] and n not in there)
+        always = TERMS[:2] if self._data.counted or self._first else ("white",)
+        hidden = tuple(j for j, n in enumerate(TERMS) if not there[j] and n not in always)
         if hidden:
             alone = p.copy()
             alone[list(hidden)] = 0.0
@@ -469,11 +470,11 @@ class _Likelihood:
     def _spread(self, k: int, p: FloatArray, fixed: tuple[int, ...]) -> float:
         """About the standard deviation of a term."""
         free = [j for j in range(len(TERMS)) if j not in fixed]
-        scale = self._scale[free]
-        information = self._deviance(p)[2][np.ix_(free, free)] * np.outer(scale, scale)
-        information += 1e-12 * np.eye(len(free)) * np.trace(information)
+        information = self._deviance(p)[2][np.ix_(free, free)]
+        unit = 1.0 / np.sqrt(np.diagonal(information))
+        information = information * np.outer(unit, unit) + 1e-12 * np.eye(len(free))
         at = free.index(k)
-        return float(scale[at] * sqrt(np.linalg.inv(information)[at, at]))
+        return float(unit[at] * sqrt(np.linalg.inv(information)[at, at]))
 
     def _share(self, k: int, p: FloatArray) -> float:
         """The largest share of a term in the Allan variance at the lags that are fitted."""

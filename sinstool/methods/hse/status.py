@@ -21,6 +21,7 @@ from sinstool.methods.hse.fit import MIN_RATE_SPAN
 from sinstool.methods.hse.fit_result import HseFit
 from sinstool.methods.hse.model import MIN_C23, MIN_C23_SIGMAS
 from sinstool.methods.hse.run import MAX_LATITUDE
+from sinstool.methods.hse.site import wrong_latitude
 
 STATUSES = ("error", "unobservable", "inconsistent_axial", "not_significant", "nonlinear", "ok")
 """From the gravest to the best."""
@@ -266,6 +267,10 @@ def _remarks(result: HseFit) -> Iterator[Finding]:
             f"the encoder is stale by {tau * 1e6:.1f} +- {sigma * 1e6:.1f} us",
             "lambda2 is free of it, headings are not: add it to [rig.encoder] delay_s",
         )
+    pairs = zip(result.runs, result.run_fits, strict=True)
+    elsewhere = wrong_latitude([run for run, fitted in pairs if fitted.used])
+    if elsewhere:
+        yield _finding("ok", elsewhere, "check latitude_deg, and the units and axes of the rig")
     axial = result.axial
     if axial.drift:
         yield _finding(

@@ -60,6 +60,10 @@ BEFORE_LIFT_OFF_NS = 10 * SECOND
 AFTER_REST = 45.0 * DEGREE / 3600.0
 # If the first motion does not show the attitude, alignment begins again this much later, s.
 LATER_S = (60.0, 120.0, 180.0, 240.0, 300.0, 420.0, 600.0)
+NEVER_CALM = (
+    "the flight after lift-off is never as calm, or not for as long, as the gate asks for: aligned"
+    " with all of the motion, which the fixes do not contradict"
+)
 # Bias of a cheap gyro in a log without rest, if that of its grade is too small, rad/s (1 sigma).
 UNKNOWN_BIAS = 0.5 * DEGREE
 
@@ -78,7 +82,8 @@ def align_moving(
     """Align a log's vehicle in motion.
 
     From the time after its first motion, unless a gate or options say when to begin; if that shows
-    no heading, from a later time.
+    no heading, from a later time. A launched vehicle may never fly as calmly as the gate asks for:
+    then all of its motion counts, if no sensor was saturated and the fixes fit.
 
     Parameters
     ----------
@@ -107,17 +112,62 @@ def align_moving(
     AlignmentError
         The log has no GNSS to align with.
     """
-    options, survey = config.in_flight, source.survey
-    latency, first = config.gnss.gnss_latency or 0.0, survey.first_ns
+    survey = source.survey
+    latency = config.gnss.gnss_latency or 0.0
     try:
-        fixes, notes = gnss_fixes(gnss or source.aiding.gnss, first, survey.last_ns, latency)
+        fixes, notes = gnss_fixes(
+            gnss or source.aiding.gnss, survey.first_ns, survey.last_ns, latency
+        )
     except AlignmentError as exc:
         raise AlignmentError(f"{source.log.path}: {exc.message}", exc.hint) from exc
+
+    def through(gate: str, *more: str) -> MotionAlignment:
+        return _through(
+            gate,
+            source,
+            config,
+            grade,
+            method,
+            at,
+            fixes,
+            (*notes, *more),
+            refuse_sigma,
+            sample_s,
+            likely_bias,
+        )
+
+    if config.in_flight.gate != "auto":
+        return through(config.in_flight.gate)
+    lively = float(np.linalg.norm(survey.accel_max)) > LIFT_OFF
+    if not (lively and _lifts_off(source, fixes)):
+        return through("off")
+    gated = through("paper")
+    if gated.good or survey.saturated:
+        return gated
+    with suppress(AlignmentError):
+        whole = through("off", NEVER_CALM)
+        if whole.good and whole.consistent:
+            return whole
+    return gated
+
+
+def _through(
+    gate: str,
+    source: Source,
+    config: ProcessConfig,
+    grade: Grade,
+    method: str,
+    at: str | int,
+    fixes: GnssFixes,
+    notes: tuple[str, ...],
+    refuse_sigma: float,
+    sample_s: float,
+    likely_bias: np.ndarray | None,
+) -> MotionAlignment:
+    """The same with a gate: ``paper``, ``mask`` or ``off``."""
+    options, survey = config.in_flight, source.survey
+    first = survey.first_ns
     bias, at_rest = bias_at_rest(source, config, grade)
-    gate = options.gate
-    if gate == "auto":
-        lively = float(np.linalg.norm(survey.accel_max)) > LIFT_OFF
-        gate = "paper" if lively and _lifts_off(source, fixes) else "off"
     start = None if options.align_start is None else first + round(options.align_start * SECOND)
     end = None if options.align_end is None else first + round(options.align_end * SECOND)
     later: list[int] = []

@@ -34,6 +34,7 @@ from sinstool.methods.hse.calibration import (
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.segments import Segment
+from sinstool.methods.hse.site import wrong_latitude
 from sinstool.methods.hse.statistics import drifts
 from sinstool.methods.hse.whole_turn import (
     SIGNIFICANT_TILT_DRIFT,
@@ -256,8 +257,9 @@ def _nearest(seconds: np.ndarray, segments: list[Segment]) -> np.ndarray:
 def _remarks(
     turns: RigTurns, alignments: list[WholeTurnAlignment], corrected: CorrectedHeading
 ) -> list[str]:
-    """Findings about single stretches."""
-    notes = []
+    """Findings about the site and about single stretches."""
+    elsewhere = wrong_latitude(alignments)
+    notes = [f"{elsewhere}: check latitude_deg"] if elsewhere else []
     for number, (segment, a) in enumerate(zip(turns.segments, alignments, strict=True)):
         where = f"stretch {number + 1} (from {segment.start_s:.1f} s)"
         if corrected.outside_rate[number]:

@@ -16,7 +16,7 @@ from sinstool.methods.allan.model import (
     sine_transform,
 )
 from sinstool.methods.allan.profile import chance_above
-from tests.helpers.allan import simulate_terms
+from tests.helpers.allan import fit_segments, simulate_terms
 
 NAMES = (*TERMS, "ramp")
 UNIT = {
@@ -181,3 +181,23 @@ def test_functions_beside_scipy() -> None:
     rows = np.random.default_rng(3).standard_normal((37, 2))
     expected = fft.dst(rows, type=1, norm="ortho", axis=0)
     np.testing.assert_allclose(sine_transform(rows), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [
+        # Less than a twentieth of every variance, but no chance
+        (0.1, 1.0, 0.0, 0.0, 0.0),
+        # Of the random walk long averaging times know far more than short ones of all else
+        (0.2, 1.0, 0.0, 1e-5, 0.0),
+    ],
+    ids=["small quantisation", "small random walk"],
+)
+def test_white_noise_of_a_million_samples(terms: tuple[float, ...]) -> None:
+    generator = np.random.default_rng([6, 4])
+    columns = np.column_stack([simulate_terms(1_000_000, *terms, generator) for _ in range(4)])
+    for fit in fit_segments([columns]):
+        assert fit is not None and fit.from_lag == 1 and fit.misfit == 1.0
+        white = fit.terms["white"]
+        assert white.value is not None
+        assert abs(white.value - 1.0) < 2.0 * (white.high - white.low)

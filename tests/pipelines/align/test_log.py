@@ -154,6 +154,19 @@ def test_a_clipping_gyro_harms_only_without_the_gate():
     assert total(answer) < 0.2
 
 
+def test_a_launch_that_is_never_calm_enough_for_the_gate_is_aligned_without_it():
+    """It ends before the gate opens, or rolls all the time; nothing saturates."""
+    log = launched(*TACTICAL, duration=38)
+    assert aligned(log, in_flight={"gate": "paper"}, **SAID).result.status == "failed"
+    result = aligned(log, **SAID)
+    assert result.result.status in ("ok", "degraded") and result.result.gate == "off"
+    assert any("never as calm" in w for w in result.result.warnings)
+    assert normalised(result) < 4.0
+    # where a gyro saturates, only the gate keeps what it missed out
+    clipped = launched(*TACTICAL, "--gyro-range", "200", duration=38)
+    assert aligned(clipped, **SAID).result.status == "failed"
+
+
 def test_fixes_without_velocity():
     result = aligned(launched(*TACTICAL, "--no-velocity", duration=140))
     assert result.result.vectors == "pos"

@@ -1,6 +1,8 @@
 """Calibration from logs: which are used, what they are called, what is left when it fails."""
 
+import json
 import shutil
+import tomllib
 
 import numpy as np
 import pytest
@@ -145,3 +147,20 @@ def test_a_ros_2_bag(log, tmp_path):
     _, here, _, _ = calibrate([path], rig, tmp_path / "log.json")
     assert there["lambda2_rad"] == here["lambda2_rad"]
     assert [r["id"] for r in there["runs"]] == ["bag#1", "bag#2"]
+
+
+def test_a_latitude_that_the_gyros_deny_is_told(log, tmp_path):
+    """The Earth's rate about north shows where the rig is; nothing else denied a wrong latitude."""
+    path, rig = log
+    _, _, good, _ = calibrate([path], rig, tmp_path / "good.json")
+    assert not any("of the Earth's rotation" in text for text in good["warnings"])
+    there = tomllib.loads(rig.read_text())["rig"]["latitude_deg"]
+    wrong = edited(rig, "elsewhere", latitude_deg=there + 15.0)
+    _, _, summary, _ = calibrate([path], wrong, tmp_path / "wrong.json")
+    assert any(f"they would at {abs(there):.1f} deg" in text for text in summary["warnings"])
+    status, out, _ = sinstool(
+        "process", path, "-o", tmp_path / "out.mcap", "--config", wrong, "--json",
+        "--hse", tmp_path / "wrong.json", "--force",
+    )  # fmt: skip
+    assert status in (0, 3)
+    assert any("they would at" in text for text in json.loads(out)["warnings"])
