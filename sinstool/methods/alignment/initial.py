@@ -203,8 +203,8 @@ def from_motion(windows: Windows, time_ns: int) -> Alignment:
         "degraded",
         False,
         warnings=(
-            f"{NOT_STILL}: tilt is from the mean specific force of its first"
-            " second and may be several degrees off",
+            f"{NOT_STILL}: tilt is from the mean specific force of its first second, and is off by"
+            " about 6 deg for each m/s^2 by which the vehicle speeds up or turns meanwhile",
         ),
     )
 

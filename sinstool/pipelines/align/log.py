@@ -124,6 +124,7 @@ def _with_truth(
 
 _WITHOUT = {
     "level-only": "the log shows only roll and pitch",
+    "level-moving": "the log shows only roll and pitch, and these roughly",
     "unobservable": "the log shows neither it nor roll and pitch",
     "failed": "the alignment failed",
 }
@@ -209,9 +210,8 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         *lost.findings(),
     ]
     if status not in HEADING_OBSERVED:
-        findings.append(
-            Finding("heading-withheld", f"heading is not known: {_WITHOUT[status]}", Severity.LOST)
-        )
+        why = _WITHOUT["level-moving" if name == "level-moving" else status]
+        findings.append(Finding("heading-withheld", f"heading is not known: {why}", Severity.LOST))
     begin, end = span
     result = AlignResult(
         input=LogFile(str(source.path), source.log.size),

@@ -97,7 +97,7 @@ def test_a_moving_start_gives_a_rough_tilt_and_says_so():
     expected = -(mean / np.linalg.norm(mean)) * [1, -1, -1]
     assert np.degrees(np.arccos(np.clip(down @ expected, -1, 1))) < 1.0
     assert (got.method, got.status) == ("level-moving", "degraded")
-    assert "several degrees" in got.warnings[0]
+    assert "6 deg for each m/s^2" in got.warnings[0]
 
 
 def test_a_moving_start_without_gravity_is_refused():

@@ -340,7 +340,7 @@ def test_auto_of_a_moving_start(tmp_path):
     path = simulated(tmp_path / "in.mcap", cone(half_angle_deg=20.0))
     summary = run(path, tmp_path / "out.mcap")
     assert summary["alignment"]["status"] == "degraded"
-    assert any("several degrees" in w for w in summary["warnings"])
+    assert any("6 deg for each" in w for w in summary["warnings"])
     assert any("no gyro bias is removed" in w for w in summary["warnings"])
 
 
