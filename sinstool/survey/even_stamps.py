@@ -55,7 +55,8 @@ MOST_NEARBY, ROWS = 2000, 1000
 STEADY, LONGEST = 0.5, 10.0
 # Intervals are multiples of the usual one if this share of them are, to within so much of it.
 # Stamps at ticks differ from even times by 0.29 of a tick, rms, and by more where some are lost.
-ON_GRID, GRID, TICK = 0.98, 0.1, 0.6
+# The usual one is that of the shortest, of this share, unless they are too short for their median.
+ON_GRID, GRID, TICK, SHARE, SHORT = 0.98, 0.1, 0.6, 0.1, 0.2
 # A regression on the stamps gives 0 for even samples and 1 if the stamps are right: the limit
 # between both, the sigmas from 0 beyond which it counts, and the samples after which it is decided.
 HALF_WAY, BELIEVED, SHOWN = 0.5, 4.0, 200_000
@@ -440,6 +441,10 @@ def _lacking(even: EvenStamps, imu: Imu) -> bool:
     usual = float(median(steps))
     if usual < 0.5 * steps.mean():  # in batches
         return False
+    # Where more than half of the samples are missing, most intervals are several usual ones
+    shortest = quantile(steps, SHARE)
+    if shortest > SHORT * usual:
+        usual = float(median(steps[steps <= MISSED * shortest]))
     off = np.abs(steps - usual * np.maximum(np.rint(steps / usual), 1.0))
     if quantile(off, ON_GRID) > GRID * usual:
         return False

@@ -41,6 +41,7 @@ from sinstool.survey.rest import moving_at, rest_end, settled, shaken_rest
 from sinstool.survey.samples import MOVED_NS, SampleCache, samples_again
 from sinstool.survey.stamps_of_receipt import (
     even_where_late,
+    fill_the_rate,
     sampled_unevenly,
     say_only_order,
 )
@@ -290,7 +291,7 @@ def survey_samples(
     usual = even(found)
     if say_only_order(found, options):
         found = even(replace(find(keep_repeated=True), clock_steps=found.clock_steps))
-        if found.even is None and options.imu_rate is None:
+        if found.even is None and not fill_the_rate(usual, options):
             found = usual
     else:
         found = usual

@@ -20,6 +20,8 @@ BATCHES = 2.0
 # Share of samples with another's stamp, but other values, from which on it is worth to read the log
 # again and keep them.
 REPEATED = 1e-3
+# Two counts are about the same if neither is so many times the other.
+ABOUT = 2.0
 
 
 def say_only_order(found: Survey, options: InputOptions) -> bool:
@@ -28,6 +30,15 @@ def say_only_order(found: Survey, options: InputOptions) -> bool:
     if options.imu_rate is not None or jitters(found, options):
         return repeated > REPEATED
     return repeated > CONFLICTING
+
+
+def fill_the_rate(found: Survey, options: InputOptions) -> bool:
+    """Whether those that repeat a stamp are about as many as the rate given says are missing."""
+    if options.imu_rate is None:
+        return False
+    missing = options.imu_rate * found.duration_s - found.count
+    repeated = found.order.differing_duplicates
+    return missing / ABOUT <= repeated <= missing * ABOUT
 
 
 def even_where_late(

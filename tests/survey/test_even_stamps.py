@@ -131,6 +131,17 @@ def shaken(time_ns, stamp_ns, seed):
     return Imu(stamp_ns, stamp_ns, gyro, np.tile([0.0, 0.0, 9.81], (len(time_ns), 1)), None)
 
 
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("jitter", [0.0, 0.02])
+@pytest.mark.parametrize("lost", [0.3, 0.5, 0.6, 0.7])
+def test_samples_of_which_most_are_lost_keep_their_stamps(lost, jitter, seed):
+    """Their usual interval, of two or three samples, was taken for that of the sensor."""
+    random, time_ns = np.random.default_rng(seed), even_times()
+    kept = time_ns[random.uniform(size=len(time_ns)) >= lost]
+    stamps = kept + np.rint(jitter * INTERVAL * random.uniform(-1, 1, len(kept))).astype(int)
+    assert even_stamps([samples(stamps, kept)], False) is None
+
+
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("lost", [(2, 2, 2, 3, 2, 2, 2, 28), (2, 2, 3, 2, 2, 25), (3, 3, 3, 21)])
 def test_samples_lost_in_a_rhythm_leave_the_others_at_their_stamps(lost, seed):
@@ -371,3 +382,31 @@ def test_two_samples_a_stamp_in_step_with_the_recorder_are_both_kept(tmp_path):
         survey = prepare(opened, ProcessConfig()).survey
     assert (survey.count, survey.order.duplicates) == (4000, 0)
     assert survey.interval_ns == pytest.approx(INTERVAL, rel=1e-3)
+
+
+@pytest.mark.parametrize("lost", [0.0, 0.6])
+def test_samples_that_repeat_a_stamp_of_an_even_clock_are_left_out(tmp_path, lost):
+    """Also with a rate: the stamps themselves show it, or a part of it."""
+    random = np.random.default_rng(4)
+    there = np.flatnonzero(random.random(6000) >= lost)
+    rows = np.sort(np.r_[there, random.choice(there, 60)])
+    stamps = even_times(6000)[rows]
+    imu = samples(stamps, stamps, 0.03)
+    gyro = imu.gyro + 1e-3 * random.standard_normal(imu.gyro.shape)
+    log = write_log(tmp_path / "a.mcap", imu_messages(stamps, gyro, imu.accel))
+    config = build(ProcessConfig, {"input": {"imu_rate": 200.0}})
+    with open_log(log) as opened:
+        survey = prepare(opened, config).survey
+    assert (survey.count, survey.order.duplicates) == (len(there), 60)
+
+
+def test_coarse_stamps_with_a_rate_leave_all_samples(tmp_path):
+    """One of ten stamps is that of the sample before: too few to tell without the rate."""
+    times = even_times(4000)
+    stamps = np.where(np.arange(4000) % 10 == 1, times - INTERVAL, times)
+    imu = samples(stamps, times, 0.03)
+    log = write_log(tmp_path / "a.mcap", imu_messages(stamps, imu.gyro, imu.accel))
+    config = build(ProcessConfig, {"input": {"imu_rate": 200.0}})
+    with open_log(log) as opened:
+        survey = prepare(opened, config).survey
+    assert (survey.count, survey.order.duplicates) == (4000, 0)
