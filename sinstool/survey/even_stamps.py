@@ -57,6 +57,9 @@ STEADY, LONGEST = 0.5, 10.0
 # Stamps at ticks differ from even times by 0.29 of a tick, rms, and by more where some are lost.
 # The usual one is that of the shortest, of this share, unless they are too short for their median.
 ON_GRID, GRID, TICK, SHARE, SHORT = 0.98, 0.1, 0.6, 0.1, 0.2
+# Samples come in batches if their median interval is shorter than this part of the mean. It is half
+# of it at least where any share is lost by chance.
+BATCHES = 0.45
 # A regression on the stamps gives 0 for even samples and 1 if the stamps are right: the limit
 # between both, the sigmas from 0 beyond which it counts, and the samples after which it is decided.
 HALF_WAY, BELIEVED, SHOWN = 0.5, 4.0, 200_000
@@ -439,7 +442,7 @@ def _lacking(even: EvenStamps, imu: Imu) -> bool:
     """
     steps = np.diff(imu.time_ns).astype(np.float64)
     usual = float(median(steps))
-    if usual < 0.5 * steps.mean():  # in batches
+    if usual < BATCHES * steps.mean():
         return False
     # Where more than half of the samples are missing, most intervals are several usual ones
     shortest = quantile(steps, SHARE)
