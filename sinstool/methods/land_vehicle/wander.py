@@ -28,8 +28,9 @@ from sinstool.methods.ins_gnss.settings import GnssModel
 # process, so only fixes further apart than this share of its correlation time are used, and of one
 # rest at most so many.
 SHARE_OF_TIME, MOST_FIXES = 0.1, 60
-# Factors of the slow error's sigma that are tried.
-FACTORS = 2.0 ** np.arange(0.0, 5.01, 0.25)
+# Factors of the slow error's sigma that are tried. A receiver may state centimetres and wander by
+# metres, of which --gnss-lasting leaves a small share.
+FACTORS = 2.0 ** np.arange(0.0, 9.01, 0.25)
 # By how much the log likelihood must rise before slow errors are enlarged: three sigmas of one
 # parameter.
 LEAST_GAIN = 4.5

@@ -8,7 +8,8 @@ import pytest
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.constraints import STEP_NS
 from sinstool.methods.ins_gnss.settings import GnssModel
-from sinstool.methods.land_vehicle.wander import find_wander
+from sinstool.methods.land_vehicle.wander import Wander, find_wander
+from sinstool.pipelines.process.ins_gnss.vehicle import VehicleAssumptions, VehicleUsed
 
 MODEL = GnssModel(position_white=(0.2, 0.2, 0.3), position_markov=(0.4, 0.4, 0.7))
 METRES = 6.371e6
@@ -63,6 +64,24 @@ def test_heights_that_wander_further_are_seen(seed):
     assert model.position_markov == pytest.approx((0.4, 0.4, 0.7 * wander.vertical))
     assert model.position_white == MODEL.position_white
     assert "in height" in str(wander) and "north" not in str(wander)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_fixes_that_wander_a_hundred_times_as_far_are_seen_whole(seed):
+    """At most 32 times were tried, and the rest turned a parked car by 5 deg about its antenna."""
+    rests, gnss = fixes_at_rest(seed, (100.0, 100.0, 100.0))
+    white = (0.02, 0.02, 0.03)
+    wander = find_wander(rests, 0, gnss, 0, replace(MODEL, position_white=white))
+    assert 40.0 < wander.level < 250.0 and 40.0 < wander.vertical < 250.0
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_a_share_of_lasting_noise_that_a_rest_contradicts_is_said(given):
+    vehicle = VehicleAssumptions(wander=Wander(40.0, 1.0, 100.0), lasting_given=given)
+    found = vehicle.findings(VehicleUsed("none", "", 100.0, "", None))
+    assert [finding.kind for finding in found] == ["fixes-wander"] * given
+    if given:
+        assert "fixes wander 40 times as far north and east, by 100 s of rest" in found[0].text
 
 
 def test_fixes_that_say_that_they_are_poor_may_wander():

@@ -80,6 +80,8 @@ class VehicleAssumptions:
         Wheels whose speed is used.
     wander : Wander
         Slowly varying error of the fixes while the vehicle stands.
+    lasting_given : bool
+        Whether the user gave how much of their noise lasts.
     """
 
     constraints: Constraints | None = None
@@ -92,6 +94,7 @@ class VehicleAssumptions:
     wheels_named: bool = False
     wheels: WheelsUsed | None = None
     wander: Wander = AS_STATED
+    lasting_given: bool = False
 
     def used(self, summary: FilterSummary) -> VehicleUsed:
         """Constraints as a filter used and estimated them."""
@@ -137,6 +140,10 @@ class VehicleAssumptions:
     def findings(self, used: VehicleUsed) -> list[Finding]:
         """Findings about the vehicle."""
         land, trust = used.land, self.trust
+        if self.lasting_given and not self.wander.ordinary:
+            text = f"compared with --gnss-lasting, {self.wander}; they are weighted accordingly"
+            rest = replace(self, lasting_given=False).findings(used)
+            return [Finding("fixes-wander", text, answer="leave --gnss-lasting out"), *rest]
         if self.wheels_named and (land is None or land.wheels is None):
             text = "the wheels of --wheels are not used, "
             text += "as the vehicle may slide" if land is None else "as they do not fit the motion"
@@ -317,7 +324,7 @@ def _constrained(
     wander = find_wander(rests.at, means.start_ns, start.used, latency_ns, start.settings.gnss)
     if not wander.ordinary:
         log_choice("GNSS at rest", str(wander))
-    chosen = replace(chosen, wander=wander)
+    chosen = replace(chosen, wander=wander, lasting_given=options.gnss_lasting is not None)
     wheels = None
     if vehicle is not None:
         wheels = use_wheels(source.aiding.wheels, means, track, vehicle.c_vb)
