@@ -194,6 +194,14 @@ def _hides_noise(source: Source, config: ProcessConfig) -> bool:
     return source.survey.gyro_resolution > COARSE * longest.gyro_std / np.sqrt(3.0)
 
 
+def bias_grade(source: Source, config: ProcessConfig) -> Grade:
+    """The grade of the gyros as stated, or by their noise, whatever their rate at rest is."""
+    if config.navigation.imu_grade != "auto":
+        return config.navigation.imu_grade
+    walk = gyro_walk(source, config)
+    return "mems" if walk is None or _hides_noise(source, config) else grade_by_noise(walk)
+
+
 def largest_bias(source: Source, config: ProcessConfig) -> float:
     """Rate, rad/s, beyond which gyros as quiet as these turn; infinite of those that are not."""
     walk = gyro_walk(source, config)
