@@ -304,14 +304,12 @@ def _unused(config: ProcessConfig, mode: Choice) -> tuple[Finding, ...]:
     if not unused:
         return ()
     text = f"{listed(list(unused))} no effect in mode {mode.value}, which was chosen {mode.reason}"
+    them = "it" if len(unused) == 1 else "them"
     modes = " or ".join(dict.fromkeys(m for modes in unused.values() for m in modes))
-    return (
-        Finding(
-            "unused-options",
-            text,
-            answer=f"--mode {modes} would use {'it' if len(unused) == 1 else 'them'}",
-        ),
-    )
+    answer = f"--mode {modes} would use {them}"
+    if config.hse.hse is not None:
+        answer = f"leave {them} out, or --hse"
+    return (Finding("unused-options", text, answer=answer),)
 
 
 def _not_withheld(source: Source, config: ProcessConfig) -> list[Finding]:
