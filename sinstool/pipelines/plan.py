@@ -33,7 +33,7 @@ from sinstool.survey.grade import (
     random_walk_of,
     random_walks,
     sensor_grade,
-    stated_grade_denied,
+    stated_noise_denied,
 )
 from sinstool.survey.gravity import without_gravity
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
@@ -196,7 +196,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     attitude = _attitude(source, config, mode.value, grade.grade)
     magnetic, doubts = _magnetometer(source, config, attitude, alignment)
     if filter_start is None:  # else its contradictions say so
-        doubts = (*doubts, *stated_grade_denied(source, config))
+        doubts = (*doubts, *stated_noise_denied(source, config))
     if magnetic.topic:
         reason = first.reason.replace(NO_NORTH, "only the magnetometer shows north")
         first = replace(first, reason=reason)
