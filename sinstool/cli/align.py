@@ -119,9 +119,11 @@ def _rows(result: AlignResult, verbose: bool) -> list[tuple[str, str]]:
     ]
     if result.roll_deg is not None:
         heading = (
-            "not observable" if result.heading_deg is None else f"{result.heading_deg:.3f} deg"
+            "not observable"
+            if result.heading_deg is None
+            else f"{round(result.heading_deg, 3) % 360.0:.3f} deg"
         )
-        angles = f"roll {result.roll_deg:.3f}, pitch {result.pitch_deg:.3f}, heading {heading}"
+        angles = f"roll {result.roll_deg:z.3f}, pitch {result.pitch_deg:z.3f}, heading {heading}"
         rows.append(("attitude", f"{angles}, at {result.time_s:.3f} s"))
         shown = ["-" if s is None else f"{s:.3g}" for s in result.sigma_deg]
         rows.append(("sigma", f"{', '.join(shown)} deg about north, east, down"))

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 from sinstool.core.options import Group
 
+# All but that of a system that turns on its table
+_NAVIGATION = ("attitude", "ins", "ins-gnss")
 # Modes in which an option, or a whole group of them, has an effect; all others have one in each
 USED_IN: dict[str, tuple[str, ...]] = {
     "navigation.attitude": ("attitude",),
@@ -16,6 +18,12 @@ USED_IN: dict[str, tuple[str, ...]] = {
     "navigation.attitude_order": ("ins",),
     "input.wheels": ("ins-gnss",),
     "filter": ("ins-gnss",),
+    "navigation.imu_grade": _NAVIGATION,
+    "navigation.imu_noise": _NAVIGATION,
+    "align": _NAVIGATION,
+    "in_flight": _NAVIGATION,
+    "vertical": _NAVIGATION,
+    "coning": _NAVIGATION,
 }
 # Who asks for nothing gets it in every mode
 NOTHING = ("none", "off")

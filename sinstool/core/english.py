@@ -5,7 +5,7 @@ from __future__ import annotations
 
 def counted(count: int, noun: str) -> str:
     """A count with its noun, whose plural is regular: "1 gap", "2 gaps", "2 fixes"."""
-    ending = "" if count == 1 else "es" if noun.endswith("x") else "s"
+    ending = "" if count == 1 else "es" if noun.endswith(("x", "ch")) else "s"
     return f"{count} {noun}{ending}"
 
 

@@ -31,6 +31,7 @@ class Envelope:
         self._values = np.empty((0, 3, columns))
         self._rest_times = np.empty(0, np.int64)
         self._rest = np.empty((0, columns))
+        self._final = np.empty((0, columns))
 
     def push(self, time_ns: IntArray, values: FloatArray) -> None:
         """Take the next rows.
@@ -44,6 +45,8 @@ class Envelope:
         """
         self._rest_times = np.concatenate([self._rest_times, time_ns])
         self._rest = np.concatenate([self._rest, values])
+        if len(values):
+            self._final = values[-1:].copy()
         while True:
             room = self._most - len(self._times)
             count = min(room, len(self._rest) // self.rows_per_group)
@@ -83,7 +86,7 @@ class Envelope:
         return times, values[:, 0], values[:, 1], values[:, 2]
 
     def curves(self, origin_ns: int) -> tuple[FloatArray, FloatArray]:
-        """Every column as a curve through its extremes.
+        """Every column as a curve through its extremes, to its last value.
 
         Parameters
         ----------
@@ -106,7 +109,13 @@ class Envelope:
         ends = [np.where(falls, high, low), np.where(falls, low, high)]
         both = np.stack(ends, axis=1).reshape(2 * len(low), -1)
         holes = np.sort(np.concatenate([2 * before, 2 * within + 1]))
-        return with_holes(seconds.reshape(-1), both, holes)
+        seconds = seconds.reshape(-1)
+        # The last row ends the curve, be it an extreme or not; alone in its group it is one point
+        keep = len(both) - 1 if len(self._rest) == 1 else len(both)
+        if keep == len(both) and not np.array_equal(both[-1:], self._final, equal_nan=True):
+            both = np.concatenate([both, self._final])
+            seconds, keep = np.append(seconds, seconds[-1]), len(both)
+        return with_holes(seconds[:keep], both[:keep], holes[holes < keep])
 
     def samples(self, origin_ns: int) -> tuple[FloatArray, FloatArray]:
         """The first row of every group; as :meth:`curves`."""

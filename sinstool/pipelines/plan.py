@@ -33,7 +33,7 @@ from sinstool.survey.grade import (
     random_walk_of,
     random_walks,
     sensor_grade,
-    stated_grade_denied,
+    stated_noise_denied,
 )
 from sinstool.survey.gravity import without_gravity
 from sinstool.survey.magnetometer import MagneticTopic, choose_magnetometer
@@ -196,7 +196,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     attitude = _attitude(source, config, mode.value, grade.grade)
     magnetic, doubts = _magnetometer(source, config, attitude, alignment)
     if filter_start is None:  # else its contradictions say so
-        doubts = (*doubts, *stated_grade_denied(source, config))
+        doubts = (*doubts, *stated_noise_denied(source, config))
     if magnetic.topic:
         reason = first.reason.replace(NO_NORTH, "only the magnetometer shows north")
         first = replace(first, reason=reason)
@@ -304,14 +304,12 @@ def _unused(config: ProcessConfig, mode: Choice) -> tuple[Finding, ...]:
     if not unused:
         return ()
     text = f"{listed(list(unused))} no effect in mode {mode.value}, which was chosen {mode.reason}"
+    them = "it" if len(unused) == 1 else "them"
     modes = " or ".join(dict.fromkeys(m for modes in unused.values() for m in modes))
-    return (
-        Finding(
-            "unused-options",
-            text,
-            answer=f"--mode {modes} would use {'it' if len(unused) == 1 else 'them'}",
-        ),
-    )
+    answer = f"--mode {modes} would use {them}"
+    if config.hse.hse is not None:
+        answer = f"leave {them} out, or --hse"
+    return (Finding("unused-options", text, answer=answer),)
 
 
 def _not_withheld(source: Source, config: ProcessConfig) -> list[Finding]:

@@ -267,7 +267,9 @@ def _value(value: object, form: str | Callable[[float], str] = ".10g") -> str:
         if not isinstance(form, str):
             return form(float(value))
         # 1.2e-05 as 1.2e-5
-        return re.sub(r"e([+-])0+(?=\d)", r"e\1", format(float(value), form))
+        text = re.sub(r"e([+-])0+(?=\d)", r"e\1", format(float(value), form))
+        # What is rounded to zero has no sign
+        return text if re.search("[1-9]", text) else text.removeprefix("-")
     if isinstance(value, list | tuple | np.ndarray):
         return ", ".join(_value(one, form) for one in value) or "–"
     return str(value)
@@ -390,7 +392,7 @@ def _numbers(figure: Figure, key: str) -> str:
         sections.Column("points"),
         *(sections.Column(one, of) for one in _RANGE),
     )
-    rows = tuple((one.name, one.y.size, *_range(one)) for one in figure.series)
+    rows = tuple((one.name, int(np.isfinite(one.y).sum()), *_range(one)) for one in figure.series)
     lines = (
         _places("Levels", figure.levels, of),
         _places("Marks", figure.marks, unit(figure.xlabel)),

@@ -154,21 +154,23 @@ def random_walks(source: Source, least_s: float = 0.0) -> tuple[float, float] | 
     return float(longest.gyro_std * axis), float(longest.accel_std * axis)
 
 
-def stated_grade_denied(source: Source, config: ProcessConfig) -> list[Finding]:
-    """A warning of gyros that are far noisier at rest than those of the stated grade."""
+def stated_noise_denied(source: Source, config: ProcessConfig) -> list[Finding]:
+    """A warning of gyros that are far noisier at rest than the stated grade, or a noise file."""
     stated, shown = config.navigation.imu_grade, gyro_walk_shown(source)
-    if stated == "auto" or shown is None:
-        return []
-    assumed = IMU_GRADES[stated].angle_random_walk
-    if shown < NOISIER * assumed:
+    assumed, option = random_walk_of(measured_noise(config)), "--imu-noise"
+    named = f"in {Path(config.navigation.imu_noise or '').name}"
+    if assumed is None and stated != "auto":
+        assumed, option = IMU_GRADES[stated].angle_random_walk, "--imu-grade"
+        named = f"of --imu-grade {stated}"
+    if shown is None or assumed is None or shown < NOISIER * assumed:
         return []
     shown, assumed = shown / DEGREE_PER_ROOT_HOUR, assumed / DEGREE_PER_ROOT_HOUR
     return [
         Finding(
             "imu-options",
-            f"the gyro's noise at rest is {shown:.2g} deg/sqrt(h), that of --imu-grade {stated}"
+            f"the gyro's noise at rest is {shown:.2g} deg/sqrt(h), that {named}"
             f" {assumed:.2g}: the attitude is computed as if the gyros were better than they are",
-            answer="leave --imu-grade out, unless an engine shakes the IMU at rest",
+            answer=f"leave {option} out, unless an engine shakes the IMU at rest",
             numbers={"deg_sqrt_h": shown},
         )
     ]
@@ -192,6 +194,14 @@ def _hides_noise(source: Source, config: ProcessConfig) -> bool:
         return False
     longest = max(source.survey.spans, key=lambda s: s.samples)
     return source.survey.gyro_resolution > COARSE * longest.gyro_std / np.sqrt(3.0)
+
+
+def bias_grade(source: Source, config: ProcessConfig) -> Grade:
+    """The grade of the gyros as stated, or by their noise, whatever their rate at rest is."""
+    if config.navigation.imu_grade != "auto":
+        return config.navigation.imu_grade
+    walk = gyro_walk(source, config)
+    return "mems" if walk is None or _hides_noise(source, config) else grade_by_noise(walk)
 
 
 def largest_bias(source: Source, config: ProcessConfig) -> float:

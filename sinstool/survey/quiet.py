@@ -12,6 +12,7 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.still import WINDOW_NS, StillSpan, Windows
 from sinstool.survey.imu import Survey
+from sinstool.survey.noisy_rest import noisy_rests
 from sinstool.survey.rest import moving_at
 
 # A window is louder than the quiet ones by this factor, beyond the scatter of so few samples.
@@ -76,11 +77,12 @@ def quiet_stretches(survey: Survey, gnss: GnssEpochs | None) -> QuietStretches:
     """Find where a log shows nothing but noise.
 
     Still spans, which may hold knocks, an engine that idles or hands, without their louder windows,
-    the first window after a motion, and gaps.
+    the first window after a motion, and gaps. Where there are none, spans that hold only noise,
+    however loud.
     """
     resting: list[StillSpan] = []
     moving = 0.0
-    for span in survey.spans:
+    for span in survey.spans or noisy_rests(survey.windows):
         if moving_at(gnss, span.start_ns, span.end_ns) is None:
             resting.append(span)
         else:

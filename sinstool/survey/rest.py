@@ -25,6 +25,9 @@ MOVING_M_S = 1.0
 MOVING_M = 30.0
 SIGMAS = 4.0
 UNKNOWN_SIGMA_M = 5.0  # of a fix without its own sigma
+# What creeps: its velocity, of so many sigmas at least, stays even to this share from the span's
+# beginning to its end, and its fixes go as far, and further than this, m.
+CREEP_M_S, CREEP_SIGMAS, EVEN, CREEP_M = 0.15, 3.0, 0.3, 5.0
 # A span at the start or end of the log without epochs takes this many beside it, if the nearest is
 # not further in time than this, s.
 BESIDE, BESIDE_S = 10, 60.0
@@ -212,7 +215,7 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     if len(fast):
         least = max(MOVING_M_S, SIGMAS * _usual(fast.sigma_velocity_n, 0.0))
         if _usual_speed(fast) <= least:
-            return None
+            return creeping(inside)
         return float(median(np.linalg.norm(fast.velocity_n[:, :2], axis=1)))
     fixed = inside.rows(inside.has_position)
     if len(fixed) < 2:
@@ -233,15 +236,50 @@ def moving_at(gnss: GnssEpochs | None, start_ns: int, end_ns: int) -> float | No
     return apart / APART_S if apart > max(MOVING_M, 2.0 * noise) else None
 
 
+def creeping(gnss: GnssEpochs) -> float | None:
+    """Speed of what creeps on at an even speed, m/s; None where epochs do not show that.
+
+    Velocities of a receiver that settles, or wanders, end by themselves, or its fixes do not go
+    where they point.
+    """
+    both = gnss.rows(gnss.has_velocity & gnss.has_position)
+    if len(both) < LEAST_FIXES:
+        return None
+    seconds = (both.time_ns - both.time_ns[0]) / SECOND
+    pieces = _pieces(both)
+    if len(pieces) < 2:
+        return None
+    speeds = np.linalg.norm(pieces, axis=1)
+    usual = float(median(speeds))
+    least = max(CREEP_M_S, CREEP_SIGMAS * _usual(both.sigma_velocity_n, 0.0))
+    if not usual > least or np.abs(speeds - usual).max() > EVEN * usual:
+        return None
+    step = np.diff(seconds, prepend=0.0)[:, None]
+    gone = np.cumsum(both.velocity_n[:, :2] * step, axis=0)
+    fixed = np.column_stack(_metres(both, slice(None)))
+    gone, fixed = gone - gone.mean(axis=0), fixed - fixed.mean(axis=0)
+    way = float(np.ptp(gone, axis=0).max())
+    if way < max(CREEP_M, SIGMAS * _usual(both.sigma_position_n, UNKNOWN_SIGMA_M)):
+        return None
+    share = float(np.sum(gone * fixed) / np.sum(gone * gone))
+    left = float(np.sum((fixed - share * gone) ** 2) / np.sum(fixed * fixed))
+    return usual if abs(share - 1.0) < EVEN and left < EVEN**2 else None
+
+
 def _usual_speed(gnss: GnssEpochs) -> float:
     """Median horizontal speed of the medians of velocity over `APART_S`, m/s.
 
     They have less noise than single velocities, and wild ones are not in them; that of a vehicle in
     a circle keeps its speed.
     """
+    return float(median(np.linalg.norm(_pieces(gnss), axis=1)))
+
+
+def _pieces(gnss: GnssEpochs) -> np.ndarray:
+    """Medians of horizontal velocity over `APART_S`, m/s, shape (n, 2)."""
     piece = (gnss.time_ns - gnss.time_ns[0]) // round(APART_S * SECOND)
     pieces = np.split(gnss.velocity_n[:, :2], np.flatnonzero(np.diff(piece)) + 1)
-    return float(median(np.array([np.linalg.norm(median(part, axis=0)) for part in pieces])))
+    return np.array([median(part, axis=0) for part in pieces])
 
 
 def _near(gnss: GnssEpochs, start_ns: int, end_ns: int) -> bool:

@@ -127,3 +127,10 @@ def test_an_alignment_does_not_speak_of_navigation(align, resting):
     assert code == 3
     assert "no heading from GNSS: " in err and "INS/GNSS" not in err
     assert "heading is not known: the log shows only roll and pitch" in err
+
+
+@pytest.mark.parametrize("at", ["500", "-5"])
+def test_a_time_outside_the_log_is_told_in_seconds(align, at):
+    """It was 1700000500000000000 ns, between two other numbers of nineteen digits."""
+    code, _, err = align(launched(*TACTICAL), *KIND, "--at", at)
+    assert code == 2 and f"--at {at}: the samples of the IMU span 0 to 90.0 s" in err

@@ -404,3 +404,47 @@ def test_a_dead_sensor_and_a_dead_imu(sinstool, allan, tmp_path):
     code, _, err = allan(log, "-o", tmp_path / "no.toml")
     assert code == 1 and "shows noise where it rests" in err
     assert not (tmp_path / "no.toml").exists()
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("pause", [False, True])
+def test_noise_as_loud_as_motion(allan, tmp_path, seed, pause):
+    """Accelerometers for shocks: white noise of 0.6 m/s^2 a sample was "never at rest"."""
+    rates, forces = noise(12000, seed, accel=(0.0, 0.6, 0.0, 0.0, 0.0))
+    if pause:
+        moved(rates, forces, 5000, 7000)
+    code, out, _ = allan(write(tmp_path / "loud.mcap", rates, forces), "--json")
+    _, accel = measured(out)
+    assert code == 0 and json.loads(out)["rest"]["total_s"] > (70.0 if pause else 100.0)
+    for axis in "xyz":
+        found = accel[axis]["velocity_random_walk_m_per_s_per_sqrt_s"]
+        assert found["value"] == pytest.approx(0.6 / np.sqrt(RATE), rel=0.04)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("correlated", [1, 3])
+def test_a_drone_that_hovers_does_not_rest(allan, tmp_path, seed, correlated):
+    """Its vibration is loud noise, too; but it never stays as level as that."""
+    rates, forces = noise(12000, seed, accel=(0.0, 1.5, 0.0, 0.0, 0.0))
+    random, kernel = np.random.default_rng(seed), np.hanning(150)
+    sway = random.standard_normal((12149, 2)) / np.linalg.norm(kernel)
+    for axis in (0, 1):
+        lean = 0.03 * np.convolve(sway[:, axis], kernel, "valid")
+        forces[:, 1 - axis] += 9.8 * lean
+        rates[:, axis] += np.gradient(lean) * RATE
+    forces += 1.5 * np.convolve(random.standard_normal(12000), np.ones(correlated), "same")[:, None]
+    code, _, err = allan(write(tmp_path / "drone.mcap", rates, forces))
+    assert code == 1 and "it never rests for 5 s" in err
+
+
+@pytest.mark.parametrize("lost", [0.005, 0.03])
+def test_lost_samples_change_nothing(allan, tmp_path, lost):
+    """One in 200 lost made the noise 0.25 % too large: by the root of the mean interval."""
+    rates, forces = noise(20000)
+    kept = np.random.default_rng(2).random(20000) > lost
+    time_ns = T0 + np.round(np.arange(20000) * 1e9 / RATE).astype(np.int64)
+    for name, rows in (("all", slice(None)), ("lossy", kept)):
+        log = write(tmp_path / f"{name}.mcap", rates[rows], forces[rows], time_ns[rows])
+        code, out, _ = allan(log, "--json")
+        assert code == 0
+        assert json.loads(out)["averaging_s"][0] == pytest.approx(1.0 / RATE, rel=1e-6)

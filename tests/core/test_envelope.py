@@ -74,3 +74,15 @@ def test_a_straight_curve_has_no_teeth(slope):
     assert envelope.rows_per_group > 1
     _, values = envelope.curves(T0)
     assert np.all(slope * np.diff(values[:, 0]) > 0.0)
+
+
+@pytest.mark.parametrize("n", [33, 34, 1001, 1003, 4097, 5000])
+def test_a_curve_ends_at_the_last_row(n):
+    """Of 2301 rows in pairs the last was two points; of others the last one was an extreme."""
+    time_ns, values = rows(n)
+    envelope = envelope_of(time_ns, values, 50)
+    seconds, curve = envelope.curves(T0)
+    assert seconds[-1] == pytest.approx((time_ns[-1] - T0) * 1e-9)
+    np.testing.assert_array_equal(curve[-1], values[-1])
+    if n == 33 and envelope.rows_per_group == 2:
+        assert len(curve) == n

@@ -162,6 +162,29 @@ def test_a_grade_that_noise_at_rest_denies_is_said_without_a_filter(tmp_path, st
     assert not denied or (stated in said[0].text and "--imu-grade" in said[0].answer)
 
 
+@pytest.mark.parametrize(("share", "denied"), [(0.1, True), (0.6, False), (1.0, False)])
+def test_a_noise_file_that_noise_at_rest_denies_is_said_too(tmp_path, share, denied):
+    """The file of another IMU, six times as quiet, made tilts of 3 sigmas without a word."""
+    log = imu_log(tmp_path / "log.mcap", even_times(3000, 100.0), *resting(3000, seed=2))
+    walk = share * 2e-3 / np.sqrt(100.0)
+    axes = "".join(
+        f"[{sensor}.{axis}]\n{key} = {value}\n"
+        for sensor, key, value in (
+            ("gyro", "angle_random_walk_rad_per_sqrt_s", walk),
+            ("accel", "velocity_random_walk_m_per_s_per_sqrt_s", 2e-3),
+        )
+        for axis in "xyz"
+    )
+    noise = tmp_path / "noise.toml"
+    source = '[source]\nlog = "a.mcap"\ntopic = "/imu"\nrate_hz = 100.0\nrest_s = 100.0\n'
+    source += "longest_rest_s = 100.0\n"
+    noise.write_text(f'schema = "sinstool.imu-noise/1"\n{source}{axes}')
+    plan = plan_of(log, build(ProcessConfig, {"navigation": {"imu_noise": str(noise)}}))
+    said = [f for f in plan.findings if f.kind == "imu-options"]
+    assert bool(said) == denied
+    assert not denied or ("noise.toml" in said[0].text and "--imu-noise" in said[0].answer)
+
+
 def test_a_span_without_fixes_withholds_nothing(tmp_path):
     """An outage that a typing error puts outside the log must not pass for one that was tested."""
     log = simulated(tmp_path / "log.mcap", *SCENARIOS["drive"][0])

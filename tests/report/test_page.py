@@ -366,3 +366,15 @@ def test_nothing_is_imported_before_it_draws():
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_zero_has_no_sign_and_points_are_those_drawn():
+    """A page printed "-0", and of 2301 samples 2302 points."""
+    y = np.array([-0.0, -1e-9, np.nan, 0.0])
+    figure = Figure("f", "Zero", np.arange(4.0), (Series("s", y),), "time, s", "rate, deg/s")
+    columns = (Column("row"), Column("a", "", ".3f"), Column("b"))
+    table = Table("T", columns, (("one", -0.0004, -0.0), ("two", -0.0006, -1.0)))
+    made = Page("Title", "log", (figure, table))
+    text = markup(made)
+    numbers = re.findall(r'<td class="number">([^<]*)</td>', text)
+    assert numbers == ["3", "-1e-9", "0", "0", "0", "0.000", "0", "-0.001", "-1"]

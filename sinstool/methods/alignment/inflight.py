@@ -34,6 +34,7 @@ import numpy as np
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.rotation import from_dcm, to_dcm
+from sinstool.core.timeline import clock_time
 from sinstool.methods.alignment import refine as refinement
 from sinstool.methods.alignment.accumulation import InertialRows
 from sinstool.methods.alignment.covariance import axis_sigma, geometry, worst_sigma
@@ -261,8 +262,9 @@ def _answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) -
         times = chain.imu.time_ns
         if not times[0] <= t_ns <= times[-1]:
             raise AlignmentError(
-                f"no attitude can be given at {t_ns} ns",
-                f"the gyros carry the attitude from {times[0]} to {times[-1]} ns only",
+                f"no attitude can be given at {clock_time(t_ns)}",
+                f"the gyros carry it from {clock_time(int(times[0]))} for"
+                f" {(times[-1] - times[0]) * 1e-9:.1f} s only",
             )
         at = chain.rows_at(t_ns)
     covariance = solution_covariance(solution, segment, at, settings)

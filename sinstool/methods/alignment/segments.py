@@ -10,6 +10,7 @@ from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.order_statistics import median
 from sinstool.core.rotation import skew, to_dcm
 from sinstool.core.streams import take_rows
+from sinstool.core.timeline import clock_time
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.alignment import gate, preparation
 from sinstool.methods.alignment.accumulation import InertialRows, accumulate
@@ -140,7 +141,7 @@ def candidates(
     imu = stretch.imu
     origin = int(imu.time_ns[0])
     inside = fixes.rows((fixes.time_ns >= origin) & (fixes.time_ns <= imu.time_ns[-1]))
-    where = f"{(imu.time_ns[-1] - origin) * 1e-9:.1f} s from {origin} ns"
+    where = f"{(imu.time_ns[-1] - origin) * 1e-9:.1f} s from {clock_time(origin)}"
     if (imu.time_ns[-1] - origin) * 1e-9 < preparation.MIN_SPAN_S - 1.0 or len(inside) < 3:
         reasons.append(f"{where}: too short, or without fixes")
         return []

@@ -147,6 +147,18 @@ def _time_at_rest(source: Source, config: ProcessConfig, method: str, time_ns: i
     return asked_ns
 
 
+def _in_log(source: Source, at: str) -> int:
+    """The time of ``--at``, seconds from the first sample, as long as there are samples."""
+    first_ns, last_ns = source.survey.first_ns, source.survey.last_ns
+    asked_ns = first_ns + round(float(at) * SECOND)
+    if not first_ns <= asked_ns <= last_ns:
+        span = f"0 to {seconds_from_start(last_ns, source):.1f} s"
+        raise ConfigurationError(
+            f"--at {at}: the samples of the IMU span {span}", "give a time in that range"
+        )
+    return asked_ns
+
+
 def _of_plan(plan: Plan, status: str) -> list[Finding]:
     """Findings of a plan that bear on an alignment alone."""
     findings = []
@@ -166,9 +178,7 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
     span: tuple[int | None, int | None] = (None, None)
     if method in IN_FLIGHT:
         at = config.in_flight.at
-        when: str | int = at
-        if at not in ("end", "start"):
-            when = source.survey.first_ns + round(float(at) * SECOND)
+        when: str | int = at if at in ("end", "start") else _in_log(source, at)
         gnss = source.aiding.gnss
         if config.align.align == "auto" and gnss is not None and not gnss.has_velocity.any():
             # As the filter finds its start, which the plan has tried

@@ -26,6 +26,8 @@ from sinstool.methods.allan.model import block_length
 from sinstool.survey.quiet import Stretch
 from sinstool.survey.source import Source, rate_blocks
 
+# Steps of two intervals are lost samples up to this share; more are stamps too coarse for the rate.
+MOST_LOST = 0.05
 # Columns of the state of `_extremes`
 _LOW, _HIGH, _AT_LOW, _AT_HIGH, _STEP, _LAST, WIDTH = 0, 1, 2, 3, 4, 5, 6
 
@@ -37,7 +39,7 @@ class Collected:
     Attributes
     ----------
     interval : float
-        Mean interval between samples, s.
+        Mean interval between samples where none is lost, s.
     variances : Variances
         Columns are the gyro's axes, rad/s, then the accelerometer's, m/s^2.
     lengths : tuple of int
@@ -90,6 +92,7 @@ def collect(
     origins = [np.concatenate([s.gyro, s.accel]) for s in stretches]
     extremes = _no_extremes()
     spans: list[tuple[int, int]] = []
+    nominal, missing = source.survey.interval_ns, 0
     for imu in rate_blocks(source, config, int(edges[0]), progress, last=True):
         time_ns = imu.time_ns
         place = np.searchsorted(edges, time_ns, side="right")
@@ -101,8 +104,10 @@ def collect(
                 continue
             stretch = number // 2
             begun, ended = int(time_ns[first]), int(time_ns[last - 1])
+            missing += _missing(time_ns[first:last], nominal)
             goes_on = spans and spans[-1][0] >= edges[2 * stretch]
             if goes_on and begun - spans[-1][1] <= longest:
+                missing += _missing(np.array([spans[-1][1], begun]), nominal)
                 spans[-1] = spans[-1][0], ended
             else:
                 stage.begin()
@@ -116,7 +121,10 @@ def collect(
     variances = stage.finish()
     samples = sum(stage.lengths)
     steps = samples - len(stage.lengths)
-    interval = sum(end - start for start, end in spans) / SECOND / max(steps, 1)
+    seconds = sum(end - start for start, end in spans) / SECOND
+    # White noise is that of a sample by its interval, however many others were lost
+    lost = missing if 0 < missing < MOST_LOST * steps else 0
+    interval = seconds / max(steps + lost, 1)
     if config.input.imu_rate is not None:
         interval = 1.0 / config.input.imu_rate
     return Collected(
@@ -131,6 +139,13 @@ def collect(
         at_ends=extremes[:, [_AT_LOW, _AT_HIGH]] / max(samples, 1),
         step=extremes[:, _STEP],
     )
+
+
+def _missing(time_ns: np.ndarray, nominal: float) -> int:
+    """Samples that are lost between others; those of a burst make up for the time before it."""
+    if not nominal:
+        return 0
+    return int(np.sum(np.rint(np.diff(time_ns) / nominal) - 1.0))
 
 
 def _stage(source: Source, stretches: tuple[Stretch, ...]) -> tuple[VarianceStage, int]:

@@ -228,7 +228,7 @@ def compare(
         pairs,
         spectrum,
         tuple(exposures),
-        verdict(rows, name, resolution, settings.tolerance),
+        verdict(rows, name, resolution, settings.tolerance, covered < settings.window_s),
         tuple(findings),
     )
 

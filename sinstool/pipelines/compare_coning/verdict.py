@@ -42,7 +42,11 @@ class Verdict:
 
 
 def verdict(
-    rows: Sequence[Row], reference: str, resolution: float | None, tolerance: float
+    rows: Sequence[Row],
+    reference: str,
+    resolution: float | None,
+    tolerance: float,
+    short: bool = False,
 ) -> Verdict:
     """Judge the candidates that were fed with the log as it is.
 
@@ -54,6 +58,9 @@ def verdict(
         What the reference is good to, rad/s; None for a truth, and where it is unknown.
     tolerance : float
         Drift that does not matter, rad/s.
+    short : bool
+        The log is shorter than a window: what an algorithm lacks where it begins counts as drift
+        then, and so little motion says nothing of other motion.
 
     Returns
     -------
@@ -75,6 +82,12 @@ def verdict(
         return Verdict(None, text, False)
     else:
         judged = _against_reference(native, reference, resolution * IN_DEG_H, tolerance * IN_DEG_H)
+    if short and judged.limit_dph is not None:
+        text = (
+            "The log is shorter than one window, too short to choose by."
+            f" {_larger_differences(native, judged.limit_dph)}"
+        )
+        judged = Verdict(None, text, False, judged.limit_dph)
     if native[0][1].windows > 1:
         return judged
     return replace(judged, text=f"{judged.text} (one window only, so the spread is unknown)")

@@ -20,6 +20,7 @@ from sinstool.core.progress import Progress, share
 from sinstool.core.rotation import conjugate, multiply
 from sinstool.core.streams import Solution
 from sinstool.core.suggest import nearest
+from sinstool.core.timeline import clock_time
 from sinstool.core.units import DEGREE
 from sinstool.core.whole_file import WholeFile, check_output
 from sinstool.io.readers import open_log
@@ -209,7 +210,7 @@ def export_blocks(
             seconds = (counted.last_ns - first_ns) / 1e9
             raise SinstoolError(
                 f"{name} has no row between --start and --end",
-                f"it covers {seconds:.3f} s from {first_ns} ns on",
+                f"it covers {seconds:.3f} s, from {clock_time(first_ns)}",
             )
         writer.finish()
     return ExportResult(
@@ -224,13 +225,20 @@ def export_blocks(
 
 
 def _span(config: ProcessConfig, first_ns: int) -> tuple[int, int]:
-    """Times between which rows are exported."""
+    """Times between which rows are exported.
+
+    Raises
+    ------
+    SinstoolError
+        The last is before the first.
+    """
     limits = np.iinfo(np.int64)
-    begin, end = config.input.start, config.input.end
-    return (
-        int(limits.min) if begin is None else parse_time(begin, first_ns),
-        int(limits.max) if end is None else parse_time(end, first_ns),
-    )
+    start, end = config.input.start, config.input.end
+    begin_ns = int(limits.min) if start is None else parse_time(start, first_ns)
+    end_ns = int(limits.max) if end is None else parse_time(end, first_ns)
+    if end_ns < begin_ns:
+        raise SinstoolError("--end is not after --start", "choose a longer span")
+    return begin_ns, end_ns
 
 
 class _Counted:

@@ -67,6 +67,11 @@ class _Watcher(ABC):
         """Seconds and columns, through the lowest and the highest of each group."""
         return self._envelope.curves(origin_ns)
 
+    @property
+    def rows_per_group(self) -> int:
+        """Samples of a group of :meth:`curves`."""
+        return self._envelope.rows_per_group
+
     @abstractmethod
     def _clear(self) -> None: ...
 
@@ -159,11 +164,6 @@ class Sampling(_Watcher):
             self.least_delay_ns = least
         shown = np.column_stack([np.where(steps > 0.0, steps, np.nan) / 1e6, delay / 1e6])
         self._envelope.push(newest, shown)
-
-    @property
-    def rows_per_group(self) -> int:
-        """Samples of a group of :meth:`curves`."""
-        return self._envelope.rows_per_group
 
     def shares(self) -> tuple[FloatArray, FloatArray, int]:
         """Counts of the intervals: the usual ones in bins, and the others.

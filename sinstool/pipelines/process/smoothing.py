@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from math import hypot
 from typing import Any
 
 import numpy as np
@@ -26,10 +27,12 @@ from sinstool.methods.attitude_smoother.epochs import (
     MOVING,
     REST,
     SATURATED,
+    TURN_DOUBT,
     Epochs,
     EpochStage,
     steady_turning,
 )
+from sinstool.methods.attitude_smoother.even_turn import NO_TURN, doubt_turns
 from sinstool.methods.attitude_smoother.missed_turn import missed_turns, widened
 from sinstool.methods.attitude_smoother.model import (
     LARGE_BIAS,
@@ -49,10 +52,16 @@ from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.missed_finding import missed_finding
+from sinstool.pipelines.process.smoothing_findings import (
+    even_turn_finding,
+    no_rest_finding,
+    steady_rate_finding,
+    unsure_motion_finding,
+)
 from sinstool.pipelines.process.summary import AttitudeSmoothing
-from sinstool.survey.grade import gyro_walk, largest_bias, sensor_grade
+from sinstool.survey.grade import bias_grade, gyro_walk, largest_bias, sensor_grade
 from sinstool.survey.oddities import found_gaps
-from sinstool.survey.rest import REST_S, longest_rest, moving_at
+from sinstool.survey.rest import longest_rest, moving_at
 from sinstool.survey.source import Source, nominal_interval
 
 # Gaps up to this long are integrated across, as gravity corrects the tilt afterwards.
@@ -127,6 +136,7 @@ class Smoothing:
             gap_ns = settings["max_gap_ns"]
             self._magnetic = MagneticHeading(source, config, plan.magnetic, gap_ns)
         self._held: list[Solution] | None = None
+        self._even_turn = NO_TURN
         self._unwritten: list[Diagnostics] = []
 
     def _new_run(self) -> AttitudeRun:
@@ -223,8 +233,12 @@ class Smoothing:
             With those marked that look like rest.
         """
         grade = sensor_grade(self._source, self._config).grade
-        drop_turns(seen, self._plan.alignment.gyro_bias, largest_bias(self._source, self._config))
         alignment, omega = self._plan.alignment, self._settings.omega_ie_n
+        drop_turns(seen, alignment.gyro_bias, largest_bias(self._source, self._config))
+        if alignment.bias_source in ("still", "rest"):
+            self._even_turn = doubt_turns(
+                seen, alignment.gyro_bias, bias_grade(self._source, self._config), self._gnss_covers
+            )
         about: dict[str, Any] = {
             "walk_at_rest": gyro_walk(self._source, self._config),
             # without a heading the level part of the Earth's rate is removed in a wrong direction
@@ -243,6 +257,9 @@ class Smoothing:
         if alignment.gyro_bias_sigma is not None:
             bias = CAUTION * alignment.gyro_bias_sigma
             sensors = replace(sensors, bias=min(sensors.bias, bias))
+        # a turn whose rate was taken off leaves as large a bias
+        bias = hypot(sensors.bias, self._even_turn.sigma)
+        sensors = replace(sensors, bias=min(bias, max(sensors.bias, LARGE_BIAS)))
         heading = alignment.sigma_rad[2] if alignment.north_referenced else None
         latitude, height = self._source.latitude, self._source.position[2]
         prior = Prior(
@@ -297,7 +314,10 @@ class Smoothing:
         still = seen.rest
         epochs = confirmed(seen, self._doubted(seen, sensors, prior), prior.tilt, in_place=True)
         motion = find_motion(epochs, sensors, motion_class, self._gnss_speed())
-        return with_steady(epochs, still, motion.model, sensors, prior, in_place=True), motion
+        epochs = with_steady(epochs, still, motion.model, sensors, prior, in_place=True)
+        doubt = epochs.values[:, TURN_DOUBT]
+        np.maximum(doubt, looks[:, MARKS.index(TURN_DOUBT)], out=doubt)
+        return epochs, motion
 
     def _doubted(self, seen: Epochs, sensors: SensorModel, prior: Prior) -> SensorModel:
         """The sensors, with accelerometer biases as large as gravity in apparent rests shows."""
@@ -319,6 +339,12 @@ class Smoothing:
             return np.zeros(len(epochs), np.bool_)
         begins, ends = epochs.time_ns[:-1], epochs.time_ns[1:]
         return (begins >= span.start_ns) & (ends <= span.end_ns) & ~epochs.gap
+
+    def _gnss_covers(self, start_ns: int, end_ns: int) -> bool:
+        gnss = self._source.aiding.gnss
+        return gnss is not None and bool(
+            np.any((gnss.time_ns >= start_ns) & (gnss.time_ns <= end_ns))
+        )
 
     def _gnss_moves(self, start_ns: int, end_ns: int) -> bool:
         return moving_at(self._source.aiding.gnss, start_ns, end_ns) is not None
@@ -387,20 +413,11 @@ class Smoothing:
                 numbers={"tilt_sigma_deg": s.tilt_sigma_largest_deg},
             )
         if not self._rested and not compassed:
-            sigma = f"{s.heading_sigma_end_deg:.2g} deg (1 sigma)"
-            drift = "any angle" if s.heading_lost else sigma
-            quiet_s = max((span.duration_s for span in self._source.survey.spans), default=0.0)
-            what = "the log has no rest of 2 s"
-            if quiet_s >= REST_S:
-                what = f"the quietest {quiet_s:.0f} s of the log are no sure rest"
-            yield Finding(
-                "no-rest",
-                f"{what}, so the gyro"
-                " bias about the vertical is not observable: by the end heading may have"
-                f" drifted by {drift}",
-                answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
-                numbers={"heading_sigma_deg": s.heading_sigma_end_deg},
+            drift = (
+                "any angle" if s.heading_lost else f"{s.heading_sigma_end_deg:.2g} deg (1 sigma)"
             )
+            quiet_s = max((span.duration_s for span in survey.spans), default=0.0)
+            yield no_rest_finding(quiet_s, drift, s.heading_sigma_end_deg)
         if not self._rested and s.motion == "vehicle" and self._turning > LONG_TURNS:
             yield Finding(
                 "long-turns",
@@ -413,14 +430,9 @@ class Smoothing:
         steady = self._source.survey.lead_in
         rate = 0.0 if steady is None else float(np.linalg.norm(steady.gyro))
         if steady is not None and rate > STEADY_RATE and steady.duration_s > STEADY * self._moved:
-            yield Finding(
-                "steady-rate",
-                f"the IMU shows a steady {rate / DEGREE:.2g} deg/s nearly all the time: either the"
-                " gyro bias at rest, which is assumed, or a steady turn, and then roll and pitch"
-                " are wrong by the angle between the specific force and the vertical",
-                answer="give --gyro-bias X,Y,Z, or record other motion too",
-                numbers={"rate_deg_s": rate / DEGREE},
-            )
+            yield steady_rate_finding(rate)
+        elif self._even_turn.sigma and not compassed:
+            yield even_turn_finding(self._even_turn, first_ns, s.heading_sigma_end_deg)
         share = s.gyro_at_stop_s / max(self._moved, 1e-9)
         if share > STOPPED_SHARE:
             lost = share > LOST_SHARE
@@ -434,15 +446,7 @@ class Smoothing:
                 numbers={"gyro_at_stop_s": s.gyro_at_stop_s, "share": share},
             )
         if self._unsure:
-            other = "vehicle" if s.motion == "hand" else "hand"
-            yield Finding(
-                "unsure-motion",
-                f"the motion was taken for that of a {s.motion}, but might be that of a {other}:"
-                " with the wrong choice roll and pitch can be degrees off",
-                answer=f"choose with --motion {s.motion} or {other}",
-                numbers={"margin_nat": s.motion_margin_nat or 0.0},
-            )
-
+            yield unsure_motion_finding(s.motion, s.motion_margin_nat or 0.0)
         if self._denied:
             margin = s.motion_margin_nat or 0.0
             lost = margin > DENIED_MARGIN

@@ -50,6 +50,7 @@ from sinstool.pipelines.process.mode import warned
 from sinstool.pipelines.process.output import Output
 from sinstool.pipelines.process.result import ProcessResult
 from sinstool.pipelines.process.summary import FinalState, FirstAttitude
+from sinstool.survey.grade import measured_noise
 from sinstool.survey.rig import RigLog, RigTurns, find_turns, nothing_to_use, read_rig_log
 
 BLOCK = 65536
@@ -75,13 +76,7 @@ def process_turntable(
     ------
     SinstoolError
     """
-    if config.navigation.mode not in ("auto", "attitude"):
-        raise ConfigurationError(
-            f"--mode {config.navigation.mode} does not go with --hse",
-            "a system that turns on its table gets only its attitude; leave out one of them",
-        )
-    rig = rig_of(config)
-    calibration, warnings = load_calibration(Path(config.hse.hse or ""), rig, config.hse.force)
+    rig, calibration, warnings = _files(config)
     rules = segment_rules(config.calibration)
     samples = read_rig_log(log, rig, config.input, progress)
     turns = find_turns(samples, rig, rules)
@@ -143,10 +138,29 @@ def plan_turntable(log: Log, config: ProcessConfig) -> Plan:
 
     Raises
     ------
-    TopicError
-        The log has not one IMU topic.
+    SinstoolError
+        The log has not one IMU topic, or `process` would refuse the options.
     """
+    _files(config)
     return turntable_plan(choose_imu(log, config.input.imu_topic).topic, config)
+
+
+def _files(config: ProcessConfig) -> tuple[Rig, HseCalibration, list[str]]:
+    """The rig, its calibration and warnings about that, of options that go with them.
+
+    Raises
+    ------
+    SinstoolError
+        They do not, or a file cannot be read, be it one that has no effect.
+    """
+    if config.navigation.mode not in ("auto", "attitude"):
+        raise ConfigurationError(
+            f"--mode {config.navigation.mode} does not go with --hse",
+            "a system that turns on its table gets only its attitude; leave out one of them",
+        )
+    measured_noise(config)
+    rig = rig_of(config)
+    return rig, *load_calibration(Path(config.hse.hse or ""), rig, config.hse.force)
 
 
 def load_calibration(path: Path, rig: Rig, force: bool) -> tuple[HseCalibration, list[str]]:

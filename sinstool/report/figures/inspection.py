@@ -54,7 +54,10 @@ def _intervals(good: list[Sampling], imus: dict[str, InspectedImu], origin: int)
         " samples are missing, or the clock was set."
     ]
     if rows > 1:
-        notes.append(f"The curve goes through the shortest and the longest of every {rows}.")
+        notes.append(
+            f"The curve goes through the shortest and the longest of every {rows}, of which the"
+            " median in the table is."
+        )
     medians = tuple(
         (f"median {imus[one.topic].interval_ms[1]:.4g} ms", imus[one.topic].interval_ms[1])
         for one in good[:2]
@@ -125,7 +128,14 @@ def _values(one: Sampling, number: int, of: str, origin: int) -> list[Figure | N
     gyro = [Series(axis, values[:, k]) for k, axis in enumerate(AXES)]
     force = [Series(axis, values[:, 3 + k]) for k, axis in enumerate(AXES)]
     force.append(Series("norm", values[:, 6], style="dashed"))
-    divided = (INCREMENTS,) if one.values.increments else ()
+    more = (INCREMENTS,) if one.values.increments else ()
+    rows = one.values.rows_per_group
+    if rows > 1:
+        thinned = (
+            f"Curves go through the lowest and the highest of every {rows}, of which the median in"
+            " the table is."
+        )
+        more = (*more, thinned)
     about_force = (
         "Along the log's own axes. At rest the norm is gravity, about 9.8 m/s², and the axis that"
         " has it points up."
@@ -133,7 +143,7 @@ def _values(one: Sampling, number: int, of: str, origin: int) -> list[Figure | N
     about_gyro = "About the log's own axes, as read with the units below."
     return [
         Figure(f"{key}-{number}", title + of, seconds, tuple(series), LOG_TIME, label,
-               notes=(note, *divided))
+               notes=(note, *more))
         for key, title, series, label, note in (
             ("gyro", "Angular rate", gyro, "rate, deg/s", about_gyro),
             ("force", "Specific force", force, "specific force, m/s²", about_force),

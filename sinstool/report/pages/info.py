@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from sinstool.config import ProcessConfig
-from sinstool.core.english import in_seconds
+from sinstool.core.english import counted, in_seconds
 from sinstool.core.timeline import SECOND
 from sinstool.pipelines.info.result import InspectedImu, Inspection, Topic, UnusableImu
 from sinstool.pipelines.info.run import Shown
@@ -98,7 +98,7 @@ def _facts(inspection: Inspection, good: Sequence[InspectedImu]) -> tuple[Fact, 
             Fact(f"Gaps{of}", str(imu.gaps), f"{imu.covered_s:.6g} s covered"),
             Fact(f"Stamps{of}", f"{imu.backward} back, {imu.duplicates} twice",
                  "used" if imu.time_source == "stamp" else "not used: log times instead"),
-            Fact(f"Steady{of}", in_seconds(still), f"in {len(imu.still)} stretches"),
+            Fact(f"Steady{of}", in_seconds(still), f"in {counted(len(imu.still), 'stretch')}"),
         ]  # fmt: skip
     return tuple(facts)
 

@@ -88,7 +88,7 @@ def _facts(result: ProcessResult) -> tuple[Fact, ...]:
     facts += [*_filter_facts(result.filter), *_height_facts(result.height)]
     if travel.distance_m is None:
         final = result.final
-        tilt = f"roll {final.roll_deg:.2f}, pitch {final.pitch_deg:.2f} deg"
+        tilt = f"roll {final.roll_deg:z.2f}, pitch {final.pitch_deg:z.2f} deg"
         facts.append(Fact("Heading at the end", f"{compass(final.heading_deg, 2)} deg", tilt))
     return tuple(facts)
 

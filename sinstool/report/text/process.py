@@ -41,8 +41,8 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
         ),
         (
             "alignment",
-            f"{align.method} ({align.status}): roll {align.roll_deg:.3f}, pitch"
-            f" {align.pitch_deg:.3f}, heading {compass(align.heading_deg, 3)} deg"
+            f"{align.method} ({align.status}): roll {align.roll_deg:z.3f}, pitch"
+            f" {align.pitch_deg:z.3f}, heading {compass(align.heading_deg, 3)} deg"
             + first_sigma(align)
             + _reference(result),
         ),
@@ -65,7 +65,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
     rows.append(
         (
             "final",
-            f"roll {final.roll_deg:.3f}, pitch {final.pitch_deg:.3f},"
+            f"roll {final.roll_deg:z.3f}, pitch {final.pitch_deg:z.3f},"
             f" heading {compass(final.heading_deg, 3)} deg" + _place(result),
         )
     )

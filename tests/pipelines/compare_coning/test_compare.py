@@ -337,6 +337,18 @@ def test_too_short():
     assert one.text.endswith("(one window only, so the spread is unknown)")
 
 
+def test_a_log_shorter_than_a_window_names_none():
+    """One of 3 s called an algorithm cheap that costs ten times as much as the others."""
+    few = {"windows": 1}
+    rows = [row("previous-1", 0.3, **few), row("previous-3", 0.001, **few)]
+    for same in (rows, rows[1:], [*rows, row("uncompensated", 4.0, **few)]):
+        answer = verdict(same, "quatfiter-4", 1e-3 / IN_DEG_H, 0.01 / IN_DEG_H, short=True)
+        assert answer.algorithm is None and not answer.agree
+        assert "too short to choose by" in answer.text
+        assert ("previous-1 0.3 deg/h" in answer.text) == (len(same) > 1)
+        assert answer.text.endswith("(one window only, so the spread is unknown)")
+
+
 def test_against_a_truth():
     rows = [row("uncompensated", 16.0), row("previous-1", 0.3), row("previous-3", 0.0002)]
     result = judged(rows, None, reference="truth")

@@ -165,6 +165,7 @@ def test_many_stretches_are_run_as_often_as_one_of_their_length(monkeypatch):
     cuts = range(0, 4096, 64)
     pieces = [Segment(segment.time_ns[k : k + 64], segment.gyro[k : k + 64]) for k in cuts]
     monkeypatch.setattr(runs, "_ENOUGH_S", 0.0)
+    monkeypatch.setattr(runs, "_TIMED", 1)
     calls = []
     original = runs._integrate
     monkeypatch.setattr(runs, "_integrate", lambda *a: calls.append(1) or original(*a))
@@ -175,3 +176,22 @@ def test_many_stretches_are_run_as_often_as_one_of_their_length(monkeypatch):
         assert np.array_equal(alone.q, attitudes.q)
         assert np.array_equal(alone.sample, attitudes.sample)
         assert attitudes.seconds > 0.0
+
+
+def test_the_cost_of_a_short_stretch_is_that_of_its_samples(monkeypatch):
+    """Of a thousand samples most of the time goes into the beginning, the same for all."""
+    clock, integrate = [0.0], runs._integrate
+
+    def timed(chosen, fed, interval, gyro, times):
+        clock[0] += 1e-3 + (1e-6 if chosen.name == "lookahead-12" else 1e-7) * len(times)
+        return integrate(chosen, fed, interval, gyro, times)
+
+    monkeypatch.setattr(runs, "_integrate", timed)
+    monkeypatch.setattr(runs.time, "thread_time", lambda: clock[0])
+    segment = Segment(10**18 + STEP_NS * np.arange(400), np.full((400, 3), 0.1))
+    costs = {}
+    for candidate in candidates(["previous-3", "lookahead-12"], [1], "mean-rate", {}):
+        (made,) = run(candidate, [segment], "mean-rate", STEP)
+        assert made.sample[-1] == 399 and made.samples == 400
+        costs[candidate.name] = made.seconds / made.samples
+    assert costs["lookahead-12"] > 6.0 * costs["previous-3"]

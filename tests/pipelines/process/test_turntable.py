@@ -272,3 +272,15 @@ def test_lost_samples_are_filled_and_said(calibrated, tmp_path):
     for one, whole in zip(printed["hse"]["segments"], complete["hse"]["segments"], strict=True):
         assert one["turns"] == whole["turns"]
         assert abs(one["heading_deg"] - whole["heading_deg"]) * 3600.0 < 1.0
+
+
+@pytest.mark.parametrize("more", [(), ("--print-plan",)])
+def test_a_noise_file_is_read_though_it_has_no_effect(calibrated, tmp_path, more):
+    hse, _, (log, rig) = calibrated
+    command = ("process", log, "-o", tmp_path / "o.mcap", "--config", rig, "--hse")
+    status, _, err = sinstool(*command, hse, "--imu-noise", tmp_path / "none.json", *more)
+    assert status == 2 and "none.json: cannot be read" in err
+    status, _, err = sinstool(*command, tmp_path / "none.json", *more)
+    assert status == 2 and "none.json: cannot be read" in err
+    status, _, err = sinstool(*command, hse, "--imu-grade", "mems", *more)
+    assert status == 0 and (more or "--imu-grade has no effect in mode turntable" in err)
