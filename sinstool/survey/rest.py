@@ -28,6 +28,8 @@ UNKNOWN_SIGMA_M = 5.0  # of a fix without its own sigma
 # What creeps: its velocity, of so many sigmas at least, stays even to this share from the span's
 # beginning to its end, and its fixes go as far, and further than this, m.
 CREEP_M_S, CREEP_SIGMAS, EVEN, CREEP_M = 0.15, 3.0, 0.3, 5.0
+# Where the rest ends, it changes by more than this share.
+STOPS = 0.5
 # A span at the start or end of the log without epochs takes this many beside it, if the nearest is
 # not further in time than this, s.
 BESIDE, BESIDE_S = 10, 60.0
@@ -264,6 +266,27 @@ def creeping(gnss: GnssEpochs) -> float | None:
     share = float(np.sum(gone * fixed) / np.sum(gone * gone))
     left = float(np.sum((fixed - share * gone) ** 2) / np.sum(fixed * fixed))
     return usual if abs(share - 1.0) < EVEN and left < EVEN**2 else None
+
+
+def crept(gnss: GnssEpochs, start_ns: int, end_ns: int) -> float | None:
+    """Speed of what creeps until its apparent rest ends, m/s; None where epochs do not show that.
+
+    Its velocity changes with the jolt that ends the rest. That of a receiver that has not settled
+    goes on, and ends where no IMU feels it.
+    """
+    times, end_ns = gnss.time_ns, end_ns - SECOND  # it may brake gently at first
+    speed = creeping(gnss.rows((times >= start_ns) & (times <= end_ns)))
+    if speed is None:
+        return None
+    apart_ns = round(APART_S * SECOND)
+    velocities = [
+        gnss.velocity_n[(times > at) & (times <= at + apart_ns) & gnss.has_velocity, :2]
+        for at in (end_ns - apart_ns, end_ns)
+    ]
+    if not all(len(part) for part in velocities):
+        return None
+    before, after = (median(part, axis=0) for part in velocities)
+    return speed if np.linalg.norm(after - before) > STOPS * speed else None
 
 
 def _usual_speed(gnss: GnssEpochs) -> float:

@@ -37,7 +37,7 @@ from sinstool.survey.needs import (
     needs_all_gnss,
 )
 from sinstool.survey.oddities import oddities
-from sinstool.survey.rest import creeping, moving_at, rest_end, settled, shaken_rest
+from sinstool.survey.rest import crept, moving_at, rest_end, settled, shaken_rest
 from sinstool.survey.samples import MOVED_NS, SampleCache, samples_again
 from sinstool.survey.stamps_of_receipt import (
     even_where_late,
@@ -197,8 +197,7 @@ def _truly_at_rest(survey_: Survey, aiding: AidingData) -> tuple[Survey, AidingD
     end_ns = lead_in_end(survey_)
     speed = moving_at(gnss, rest.start_ns, end_ns)
     if speed is None:  # what creeps may rest later
-        inside = (gnss.time_ns >= rest.start_ns) & (gnss.time_ns <= rest.end_ns)
-        speed = creeping(gnss.rows(inside))
+        speed = crept(gnss, rest.start_ns, rest.end_ns)
     if speed is None:
         gnss, findings = settled(gnss, rest.start_ns, end_ns)
         return survey_, replace(aiding, gnss=gnss), findings

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sinstool.core.streams import GnssEpochs
-from sinstool.survey.rest import moving_at
+from sinstool.survey.rest import crept, moving_at
 
 T0 = 1_700_000_000_000_000_000
 EARTH = 6.37e6
@@ -64,3 +64,17 @@ def test_what_rests_does_not_creep(seed):
     # it comes to where it is, and its velocity says so
     settling = np.exp(-0.2 * np.arange(300) / 20.0)[:, None] * [0.5, 0.3]
     assert speed(receiver(random, settling, np.cumsum(0.2 * settling, axis=0))) is None
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_what_creeps_stops_with_the_jolt_that_ends_its_rest(seed):
+    """An even wander of a receiver that ends later moved a parked car that was knocked."""
+    random = np.random.default_rng(seed)
+    seconds = 0.2 * np.arange(400)
+    found = []
+    for until in (30.0, 45.0):
+        velocity = np.where(seconds[:, None] < until, [0.6, 0.3], 0.0)
+        gnss = receiver(random, velocity, np.cumsum(0.2 * velocity, axis=0))
+        assert speed(gnss) is None
+        found.append(crept(gnss, T0, T0 + 30 * 10**9))
+    assert found == [pytest.approx(np.hypot(0.6, 0.3), rel=0.1), None]
