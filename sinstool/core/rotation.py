@@ -433,7 +433,8 @@ def wrapped(angle: ArrayLike) -> FloatArray:
     ndarray, shape (...)
         In (-pi, pi], rad. The date line is a longitude of +180 degrees.
     """
-    return np.asarray(np.pi - np.mod(np.pi - np.asarray(angle), 2.0 * np.pi))
+    inside = np.pi - np.mod(np.pi - np.asarray(angle), 2.0 * np.pi)
+    return np.where(inside <= -np.pi, np.pi, inside)  # a last bit beyond pi is a whole turn off
 
 
 def skew(vector: ArrayLike) -> FloatArray:

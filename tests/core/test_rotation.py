@@ -146,6 +146,7 @@ def test_euler_keeps_the_attitude_near_straight_up_and_down(roll, sign, off, hea
 @given(quaternions())
 @example(np.array([0.0, 0.6, -0.8, 0.0]))  # upside down
 @example(np.array([0.0, 0.0, 0.0, 1.0]))
+@example(np.array([-(2.0**-52), 0.0, 0.0, 1.0]))
 def test_tilt_and_heading_are_all_of_a_rotation(q):
     tilt, heading = rotation.tilt_and_heading(q)
     turned = rotation.exp([0.0, 0.0, heading])
