@@ -24,7 +24,7 @@ from sinstool.cli.console import Choice, progress_bar
 from sinstool.cli.help import Command, Option
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import ALIGN_OPTIONS, ProcessConfig
-from sinstool.core.english import counted
+from sinstool.core.english import counted, heading_text
 
 if TYPE_CHECKING:
     from sinstool.pipelines.align.result import AlignResult
@@ -121,7 +121,7 @@ def _rows(result: AlignResult, verbose: bool) -> list[tuple[str, str]]:
         heading = (
             "not observable"
             if result.heading_deg is None
-            else f"{round(result.heading_deg, 3) % 360.0:.3f} deg"
+            else f"{heading_text(result.heading_deg, 3)} deg"
         )
         angles = f"roll {result.roll_deg:z.3f}, pitch {result.pitch_deg:z.3f}, heading {heading}"
         rows.append(("attitude", f"{angles}, at {result.time_s:.3f} s"))

@@ -24,10 +24,11 @@ from sinstool.cli.console import print_json, progress_bar, warn
 from sinstool.cli.help import Command
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
+from sinstool.core.english import heading_text
 from sinstool.core.errors import SinstoolError
 from sinstool.core.finding import exit_status
 from sinstool.core.whole_file import EXPORTED
-from sinstool.report.text.process import compass, summary_rows
+from sinstool.report.text.process import summary_rows
 from sinstool.report.text.table import table
 
 if TYPE_CHECKING:
@@ -237,6 +238,6 @@ def _cells(row: dict[str, Any]) -> tuple[str, ...]:
         f"{imu['rate_hz']:.2f}",
         str(imu["gaps"]),
         *(f"{final[name]:.3f}" for name in ("roll_deg", "pitch_deg")),
-        compass(final["heading_deg"], 3),
+        heading_text(final["heading_deg"], 3),
         str(len(row["warnings"])),
     )

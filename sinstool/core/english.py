@@ -1,4 +1,4 @@
-"""Counts in sentences."""
+"""Counts, and other numbers, in sentences."""
 
 from __future__ import annotations
 
@@ -18,3 +18,8 @@ def in_seconds(value: float, digits: int = 4) -> str:
     """A length of time with so many digits, or all of its whole seconds: "0.25 s", "28800 s"."""
     text = f"{value:.{digits}g}"
     return f"{value:.0f} s" if "e+" in text else f"{text} s"
+
+
+def heading_text(heading_deg: float, digits: int) -> str:
+    """A heading from 0 up to 360 deg, clockwise from north: what is rounded to 360 is 0."""
+    return f"{round(heading_deg, digits) % 360.0:.{digits}f}"

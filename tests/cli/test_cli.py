@@ -15,8 +15,8 @@ import pytest
 from sinstool.cli.main import COMMANDS, cli
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
+from sinstool.core.english import heading_text
 from sinstool.methods.coning.registry import names
-from sinstool.report.text.process import compass
 from tests.helpers.imulogs import (
     REAL,
     even_times,
@@ -716,7 +716,7 @@ def test_version(sinstool):
      (180.0, "180.000"), (-180.0, "180.000")],
 )  # fmt: skip
 def test_headings_go_round_the_compass(heading, text):
-    assert compass(heading, 3) == text
+    assert heading_text(heading, 3) == text
 
 
 KEYS = {

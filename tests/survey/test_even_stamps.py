@@ -400,13 +400,14 @@ def test_samples_that_repeat_a_stamp_of_an_even_clock_are_left_out(tmp_path, los
     assert (survey.count, survey.order.duplicates) == (len(there), 60)
 
 
-def test_coarse_stamps_with_a_rate_leave_all_samples(tmp_path):
-    """One of ten stamps is that of the sample before: too few to tell without the rate."""
-    times = even_times(4000)
-    stamps = np.where(np.arange(4000) % 10 == 1, times - INTERVAL, times)
+@pytest.mark.parametrize("count", [100, 4000])
+def test_coarse_stamps_with_a_rate_leave_all_samples(tmp_path, count):
+    """One of ten stamps is that of the sample before, of a log too short for even times, too."""
+    times = even_times(count)
+    stamps = np.where(np.arange(count) % 10 == 1, times - INTERVAL, times)
     imu = samples(stamps, times, 0.03)
     log = write_log(tmp_path / "a.mcap", imu_messages(stamps, imu.gyro, imu.accel))
     config = build(ProcessConfig, {"input": {"imu_rate": 200.0}})
     with open_log(log) as opened:
         survey = prepare(opened, config).survey
-    assert (survey.count, survey.order.duplicates) == (4000, 0)
+    assert (survey.count, survey.order.duplicates) == (count, 0)

@@ -15,12 +15,8 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
-from sinstool.methods.alignment import in_motion
-from sinstool.methods.alignment.in_motion import (
-    MotionAlignment,
-    align_in_motion,
-    gnss_fixes,
-)
+from sinstool.methods.alignment import in_motion, measurements
+from sinstool.methods.alignment.in_motion import MotionAlignment, align_in_motion
 from sinstool.methods.alignment.inflight_types import (
     REFUSE_SIGMA,
     AlignmentSettings,
@@ -115,7 +111,7 @@ def align_moving(
     survey = source.survey
     latency = config.gnss.gnss_latency or 0.0
     try:
-        fixes, notes = gnss_fixes(
+        fixes, notes = measurements.gnss_fixes(
             gnss or source.aiding.gnss, survey.first_ns, survey.last_ns, latency
         )
     except AlignmentError as exc:
@@ -352,7 +348,7 @@ def increments(
     begin_ns = first_ns if begin_ns is None else begin_ns
     # From a little earlier, as the first increment needs the sample before it.
     blocks = rate_blocks(source, config, max(first_ns, begin_ns - BEFORE_START_NS))
-    imu = in_motion.increments(
+    imu = measurements.increments(
         SpanReader(blocks, most).until(end_ns),
         config.input.sample_kind,
         _interval_ns(source) / SECOND,

@@ -7,7 +7,7 @@ from math import hypot, isfinite
 from pathlib import Path
 
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
-from sinstool.core.english import counted
+from sinstool.core.english import counted, heading_text
 from sinstool.core.timeline import SECOND
 from sinstool.methods.ins_gnss.withheld import Outage
 from sinstool.pipelines.process import filter_used, height_used, hse_used
@@ -19,7 +19,7 @@ from sinstool.report.pages.settings import config_settings, input_rows
 from sinstool.report.recorder import Recorder
 from sinstool.report.sections import Cell, Column, Fact, Page, Prose, Rows, Section, Settings, Table
 from sinstool.report.text.account import account, distance, duration, squares
-from sinstool.report.text.process import compass, summary_rows
+from sinstool.report.text.process import summary_rows
 
 # Rows of the table of events; all of them are in --json.
 EVENTS = 50
@@ -89,7 +89,7 @@ def _facts(result: ProcessResult) -> tuple[Fact, ...]:
     if travel.distance_m is None:
         final = result.final
         tilt = f"roll {final.roll_deg:z.2f}, pitch {final.pitch_deg:z.2f} deg"
-        facts.append(Fact("Heading at the end", f"{compass(final.heading_deg, 2)} deg", tilt))
+        facts.append(Fact("Heading at the end", f"{heading_text(final.heading_deg, 2)} deg", tilt))
     return tuple(facts)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sinstool.core.english import counted
+from sinstool.core.english import counted, heading_text
 from sinstool.report.text.numbers import measured
 
 if TYPE_CHECKING:
@@ -14,11 +14,6 @@ if TYPE_CHECKING:
     from sinstool.pipelines.process.vehicle_used import VehicleUsed
 
 Row = tuple[str, str]
-
-
-def compass(heading_deg: float, digits: int) -> str:
-    """A heading as `align` and every page give it: from 0 up to 360 deg, clockwise from north."""
-    return f"{round(heading_deg, digits) % 360.0:.{digits}f}"
 
 
 def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
@@ -42,7 +37,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
         (
             "alignment",
             f"{align.method} ({align.status}): roll {align.roll_deg:z.3f}, pitch"
-            f" {align.pitch_deg:z.3f}, heading {compass(align.heading_deg, 3)} deg"
+            f" {align.pitch_deg:z.3f}, heading {heading_text(align.heading_deg, 3)} deg"
             + first_sigma(align)
             + _reference(result),
         ),
@@ -66,7 +61,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
         (
             "final",
             f"roll {final.roll_deg:z.3f}, pitch {final.pitch_deg:z.3f},"
-            f" heading {compass(final.heading_deg, 3)} deg" + _place(result),
+            f" heading {heading_text(final.heading_deg, 3)} deg" + _place(result),
         )
     )
     rows += _gnss(result.gnss_difference)

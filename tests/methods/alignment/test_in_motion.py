@@ -12,16 +12,10 @@ from sinstool.core.rotation import conjugate, from_euler, log, multiply, rotate
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment import in_motion
-from sinstool.methods.alignment.in_motion import (
-    align_in_motion,
-    first_motion,
-    gnss_fixes,
-    increments,
-    spans,
-    with_vertical,
-)
+from sinstool.methods.alignment.in_motion import align_in_motion, first_motion, spans
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes
 from sinstool.methods.alignment.level_bias import level_bias
+from sinstool.methods.alignment.measurements import gnss_fixes, increments, with_vertical
 from sinstool.methods.alignment.span_reader import SpanReader
 from sinstool.methods.alignment.still import WindowStage, lead_in, still_spans
 from sinstool.methods.sensor_errors import SIMULATED_GRADES, SensorGrade

@@ -140,15 +140,15 @@ class VehicleAssumptions:
     def findings(self, used: VehicleUsed) -> list[Finding]:
         """Findings about the vehicle."""
         land, trust = used.land, self.trust
+        findings = []
         if self.lasting_given and not self.wander.ordinary:
             text = f"compared with --gnss-lasting, {self.wander}; they are weighted accordingly"
-            rest = replace(self, lasting_given=False).findings(used)
-            return [Finding("fixes-wander", text, answer="leave --gnss-lasting out"), *rest]
+            findings.append(Finding("fixes-wander", text, answer="leave --gnss-lasting out"))
         if self.wheels_named and (land is None or land.wheels is None):
             text = "the wheels of --wheels are not used, "
             text += "as the vehicle may slide" if land is None else "as they do not fit the motion"
-            return [Finding("wheels-unused", text), *self._findings(land, trust)]
-        return self._findings(land, trust)
+            findings.append(Finding("wheels-unused", text))
+        return [*findings, *self._findings(land, trust)]
 
     def _findings(self, land: LandVehicleUsed | None, trust: Trust | None) -> list[Finding]:
         if self.denied:
