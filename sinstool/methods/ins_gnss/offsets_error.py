@@ -52,6 +52,8 @@ class OffsetsError:
     ----------
     largest_m : float
         Largest sigma of position added for the latency alone, m.
+    heading_added : float
+        Sigma of heading added for latency and arm, rad.
     """
 
     def __init__(
@@ -67,6 +69,8 @@ class OffsetsError:
         self._attitude = np.zeros((3, 3))
         if turned is not None:
             self._attitude = np.diag(np.einsum("iab,ab->i", np.asarray(turned), self._moment))
+        self.heading_added = float(np.sqrt(self._attitude[2, 2]))
+        self._heading_square, self._count = 0.0, 0
         self._latency_s = float(np.sqrt(self._moment[0, 0]))
         self._other_time = 0.5 * sample_s**2
         self._squares = np.full((2, 3, 3), np.nan)
@@ -75,6 +79,11 @@ class OffsetsError:
             self._moment[0, 0] += self._other_time
         self._time_ns = np.empty(0, np.int64)
         self._shift = np.empty((0, 3, 4))
+
+    @property
+    def heading_before(self) -> float:
+        """Root mean square of the sigmas of heading that solutions had before, rad."""
+        return float(np.sqrt(self._heading_square / max(self._count, 1)))
 
     def added(self, solution: Solution) -> Solution:
         """The next solutions, in the order of time, with these errors in their covariances."""
@@ -86,6 +95,8 @@ class OffsetsError:
         moved = bool(self._moment.any()) and v is not None
         if not len(solution) or attitude is None or not (moved or self._other_time):
             return solution
+        self._heading_square += float(attitude[:, 2, 2].sum())
+        self._count += len(solution)
         attitude = attitude + self._attitude if moved else attitude.copy()
         velocity = None if velocity is None else velocity.copy()
         if self._other_time:

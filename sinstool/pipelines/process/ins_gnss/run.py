@@ -480,7 +480,7 @@ class FilterRun(Mode):
         if self.plan.algorithm.caveat:
             note("coning", self.plan.algorithm.caveat)
         findings += self._shown
-        findings += settings_used.notes(p, s, self.config, self._offsets_error.largest_m)
+        findings += settings_used.notes(p, s, self.config, self._offsets_error)
         if p.time_ns > first_ns:
             findings.append(before_start_finding(self.source.survey, p, self._first_ns))
         vehicle, used = vehicle_of(self._stretches)

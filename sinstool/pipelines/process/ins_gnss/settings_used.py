@@ -8,24 +8,31 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.arrays import FloatArray
 from sinstool.core.finding import Finding, Severity
+from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.filter import FilterSummary
+from sinstool.methods.ins_gnss.offsets_error import OffsetsError
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.receiver import USUAL_SIGMA_V
 
 # An uncertainty of positions over the noise of a fix that is worth a warning.
 WORSE_THAN_FIXES = 5.0
+# Heading is worth a note if what is not known of the receiver adds more than this, rad, and more
+# than all else. An option helps that leaves at most this part of its variance.
+LEAST_HEADING, HALVED = 0.1 * DEGREE, 0.25
+RECEIVER = {"--lever-arm": "the antenna's place", "--gnss-latency": "the latency of the fixes"}
 
 
 def notes(
-    start: FilterStart, summary: FilterSummary, config: ProcessConfig, largest_m: float
+    start: FilterStart, summary: FilterSummary, config: ProcessConfig, added: OffsetsError
 ) -> list[Finding]:
     """Findings about settings that the filter took from the log, and about options not applied.
 
     Parameters
     ----------
-    largest_m : float
-        Uncertainty of positions by the sigma of the latency, at the highest speed, m.
+    added : OffsetsError
+        After it has added the errors of latency and lever arm to the whole solution.
     """
     findings: list[Finding] = []
 
@@ -63,12 +70,15 @@ def notes(
     moment = start.offsets_error
     if start.latency_status != "given":
         sigma = float(np.sqrt(moment[0, 0]))
-        findings += late_or_early(largest_m, sigma, start.fix_sigma_m)
+        findings += late_or_early(added.largest_m, sigma, start.fix_sigma_m)
     arm_sigma = np.sqrt(np.diag(moment)[1:])
     if start.arm_status == "found":
         findings.append(_arm_used(settings.lever_arm_b, arm_sigma))
     elif start.arm_status == "open" and arm_sigma.max() > WORSE_THAN_FIXES * start.fix_sigma_m:
         findings.append(_arm_open(arm_sigma))
+    if start.offsets is not None:
+        sigma, before = added.heading_added, added.heading_before
+        findings += heading_open(moment, start.offsets.turned[2], sigma, before)
     if start.lag != 0.0 and config.filter.gnss_velocity_lag is None:
         note(
             "velocity-lag-used",
@@ -139,6 +149,47 @@ def _arm_open(sigma: np.ndarray) -> Finding:
             "down_m": float(sigma[2]),
         },
     )
+
+
+def heading_open(
+    moment: FloatArray, turns: FloatArray, sigma: float, before: float
+) -> list[Finding]:
+    """A finding if heading would be known much better with the arm or the latency given.
+
+    In turns, an antenna ahead of the IMU, late fixes and an error of heading look alike.
+
+    Parameters
+    ----------
+    moment : ndarray, shape (4, 4)
+        Second moments of the errors of latency and arm, of s and m.
+    turns : ndarray, shape (4, 4)
+        Mean products of the errors of heading by unit errors of these, rad^2 per product.
+    sigma, before : float
+        Sigma of heading, rad, by these errors and by all others.
+    """
+    if sigma <= max(before, LEAST_HEADING):
+        return []
+    latency, both, arm = moment[:1, :1], moment[:1, 1:], moment[1:, 1:]
+    # What remains by the other one if one is exact
+    left = {}
+    if arm.any():
+        late = latency - both @ np.linalg.pinv(arm) @ both.T
+        left["--lever-arm"] = float(np.sum(turns[:1, :1] * late))
+    if latency.any():
+        away = arm - both.T @ both / latency
+        left["--gnss-latency"] = float(np.sum(turns[1:, 1:] * away))
+    enough = [option for option, square in left.items() if square <= HALVED * sigma**2]
+    word, options = (" or ", enough) if enough else (" and ", [*left])
+    unknown = word.join(RECEIVER[option] for option in options)
+    return [
+        Finding(
+            "heading-by-receiver",
+            f"heading is uncertain by {sigma / DEGREE:.2g} deg (1 sigma) for want of {unknown},"
+            f" and by {before / DEGREE:.2g} deg for all other reasons",
+            answer=f"give {word.join(options)}",
+            numbers={"sigma_deg": sigma / DEGREE, "otherwise_deg": before / DEGREE},
+        )
+    ]
 
 
 def about_options(
