@@ -26,7 +26,7 @@ from sinstool.methods.sensor_errors import (
     grade_by_noise,
     uncalibrated,
 )
-from sinstool.survey.noise_at_rest import walk_of_means
+from sinstool.survey.noise_at_rest import velocity_walk_of_means, walk_of_means
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
@@ -130,6 +130,16 @@ def gyro_walk_shown(source: Source, least_s: float = 0.0) -> float | None:
     """
     walk, of_means = random_walk(source, least_s), _walk_of_means(source)
     return of_means if walk and of_means and of_means < CLEARLY * walk else walk
+
+
+def velocity_walk_shown(source: Source) -> float:
+    """Velocity random walk, (m/s)/sqrt(s) an axis, of the longest rest; 0 if none shows it."""
+    survey = source.survey
+    spans = [*survey.spans, *([] if survey.lead_in is None else [survey.lead_in])]
+    if not spans:
+        return 0.0
+    longest = max(spans, key=lambda s: s.samples)
+    return velocity_walk_of_means(survey.windows, longest) or 0.0
 
 
 def _walk_of_means(source: Source) -> float | None:

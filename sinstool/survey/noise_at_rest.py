@@ -35,20 +35,37 @@ def walk_of_means(windows: Windows, rest: StillSpan) -> float | None:
     rest : StillSpan
         Of these windows.
     """
-    first, last = np.searchsorted(windows.start_ns, [rest.start_ns, rest.end_ns])
-    rates = windows.gyro[first:last]
-    if len(rates) * _WINDOW_S < LEAST_S or np.any(
-        np.diff(windows.start_ns[first:last]) != WINDOW_NS
-    ):
+    walks = _walks(windows, windows.gyro, rest)
+    if walks is None:
         return None
-    angle = np.vstack([np.zeros((1, 3)), np.cumsum(rates * _WINDOW_S, axis=0)])
-    sizes = 2 ** np.arange(int(np.log2(len(rates) / LEAST_TIMES)) + 1)
-    walks = np.array([_walk_at(angle, size) for size in sizes.tolist()])
     walk = float(walks.min())
     bias = IMU_GRADES[grade_by_noise(walk)].gyro_bias
     by_chance = walks[-1] / np.sqrt(rest.duration_s)
     off = abs(float(np.linalg.norm(rest.gyro)) - EARTH_RATE)
     return walk if off <= LIKELY * np.hypot(bias, by_chance) else None
+
+
+def velocity_walk_of_means(windows: Windows, rest: StillSpan) -> float | None:
+    """Random walk of velocity, (m/s)/sqrt(s) of an axis, by means over seconds of a rest.
+
+    What shakes the vehicle at rest, such as an engine, is not in them, or little of it. None where
+    the rest is short.
+    """
+    walks = _walks(windows, windows.accel, rest)
+    return None if walks is None else float(walks.min())
+
+
+def _walks(windows: Windows, values: FloatArray, rest: StillSpan) -> FloatArray | None:
+    """Random walks by means over several lengths; None where the rest is short."""
+    first, last = np.searchsorted(windows.start_ns, [rest.start_ns, rest.end_ns])
+    means = values[first:last]
+    if len(means) * _WINDOW_S < LEAST_S or np.any(
+        np.diff(windows.start_ns[first:last]) != WINDOW_NS
+    ):
+        return None
+    summed = np.vstack([np.zeros((1, 3)), np.cumsum(means * _WINDOW_S, axis=0)])
+    sizes = 2 ** np.arange(int(np.log2(len(means) / LEAST_TIMES)) + 1)
+    return np.array([_walk_at(summed, size) for size in sizes.tolist()])
 
 
 def _walk_at(angle: FloatArray, size: int) -> float:

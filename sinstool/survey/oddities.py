@@ -323,9 +323,10 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
         )
     low, high = s.clock_offset_s
     if max(abs(low), abs(high)) > CLOCK_OFFSET_S:
+        ends = list(dict.fromkeys(f"{end:+.3f}" for end in (low, high)))
         yield Finding(
             "clock-offset",
-            f"log time is {low:+.3f} to {high:+.3f} s from the header stamps: two clocks;"
+            f"log time is {' to '.join(ends)} s from the header stamps: two clocks;"
             " stamps are used",
         )
     elif high - low > CLOCK_WANDER_S:

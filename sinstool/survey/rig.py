@@ -214,7 +214,7 @@ def read_rig_log(
     encoder_losses = Losses()
     encoder = sorted_stream(read_joint(log, channels, joint, encoder_losses))
     if encoder is None:
-        raise _without_encoder(log, rig, names)
+        raise EncoderError(log.path, f"joint {joint!r} has no usable JointState message")
     samples, made = filled(imu.stream)
     return RigLog(
         log,
@@ -228,11 +228,17 @@ def read_rig_log(
 
 
 def _without_encoder(log: Log, rig: Rig, names: list[str]) -> TopicError:
-    there = f"it has {', '.join(names)}" if names else "it has no JointState messages"
+    if not names:
+        return EncoderError(
+            log.path,
+            "the log has no JointState messages, so no angle of the turntable",
+            "record its encoder, or name the topic with --encoder-topic",
+        )
+    what = f"has no joint {rig.encoder.joint!r}" if rig.encoder.joint else "has several joints"
     return EncoderError(
         log.path,
-        f"no encoder, joint {rig.encoder.joint!r} is missing",
-        f"{there}; set [rig.encoder] joint",
+        f"the log {what} for the turntable's encoder: it has {', '.join(names)}",
+        "set joint in [rig.encoder]",
     )
 
 

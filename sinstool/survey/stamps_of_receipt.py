@@ -9,7 +9,7 @@ from sinstool.core.timeline import GAP_INTERVALS, SECOND
 from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import ImuUnits
 from sinstool.io.readers.topics import ImuTopic
-from sinstool.survey.even_stamps import EvenStamps, even_stamps
+from sinstool.survey.even_stamps import SAME, EvenStamps, even_stamps
 from sinstool.survey.imu import CONFLICTING, Survey
 from sinstool.survey.samples import SampleCache, samples_again
 
@@ -55,7 +55,9 @@ def even_where_late(
     again = samples_again(log, topic, units, found, samples, found.first_ns)
     increments = options.sample_kind == "increment"
     even = even_stamps(again, increments, options.imu_stamps == "even")
-    return found if even is None else _evened(found, even, options)
+    if even is None or even.most_ns < SAME * even.usual_ns:
+        return found  # a gap makes the mean interval longer, but no stamp uneven
+    return _evened(found, even, options)
 
 
 def jitters(found: Survey, options: InputOptions) -> bool:

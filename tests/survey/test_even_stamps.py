@@ -280,6 +280,18 @@ def test_a_log_with_stamps_of_receipt(jittering):
         np.testing.assert_array_equal(later.gyro, whole.gyro[15_001:])
 
 
+def test_a_long_gap_makes_no_stamps_uneven(tmp_path):
+    """The mean interval is twice the usual one then, as with samples in batches."""
+    times = even_times(2000)
+    times[1000:] += 3600 * 10**9
+    imu = samples(times, times, 0.03)
+    log = write_log(tmp_path / "a.mcap", imu_messages(times, imu.gyro, imu.accel))
+    with open_log(log) as opened:
+        source = prepare(opened, ProcessConfig())
+    assert source.survey.even is None
+    assert "uneven-stamps" not in {finding.kind for finding in source.findings}
+
+
 @pytest.mark.parametrize(("option", "gaps"), [("kept", True), ("auto", False), ("even", False)])
 def test_the_option_about_stamps(jittering, option, gaps):
     with open_log(jittering) as opened:

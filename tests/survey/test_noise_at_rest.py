@@ -9,7 +9,13 @@ from sinstool.config import ProcessConfig
 from sinstool.core.earth import EARTH_RATE
 from sinstool.core.units import DEGREE, DEGREE_PER_ROOT_HOUR
 from sinstool.methods.alignment.still import WindowStage, still_spans
-from sinstool.survey.grade import gyro_walk_shown, random_walk, sensor_grade
+from sinstool.survey.grade import (
+    gyro_walk_shown,
+    random_walk,
+    random_walks,
+    sensor_grade,
+    velocity_walk_shown,
+)
 
 RATE, SECONDS = 100.0, 300.0
 ARC_SECOND = DEGREE / 3600.0
@@ -17,8 +23,11 @@ WALK = 0.002 * DEGREE_PER_ROOT_HOUR  # of a laser gyro
 EARTH = EARTH_RATE * np.array([0.6, 0.0, -0.8])
 
 
-def rest(seed, walk=WALK, mean=EARTH, counts=0.0, sway=0.0):
-    """What of a source counts here; counts in rad, sway in rad/s at 2 Hz."""
+def rest(seed, walk=WALK, mean=EARTH, counts=0.0, sway=0.0, white=1e-3, shaken=0.0):
+    """What of a source counts here; counts in rad, sway in rad/s at 2 Hz.
+
+    The accelerometers have white noise, and are shaken at 23 Hz, both in m/s^2.
+    """
     random = np.random.default_rng(seed)
     t = np.arange(round(SECONDS * RATE)) / RATE
     turn = 2.0 * np.pi * 2.0
@@ -27,13 +36,18 @@ def rest(seed, walk=WALK, mean=EARTH, counts=0.0, sway=0.0):
     if counts:
         angle = np.round(np.cumsum(gyro / RATE, axis=0) / counts) * counts
         gyro = RATE * np.diff(angle, axis=0, prepend=np.zeros((1, 3)))
-    accel = np.array([0.0, 0.0, -9.8]) + 1e-3 * random.standard_normal((len(t), 3))
+    accel = np.array([0.0, 0.0, -9.8]) + white * random.standard_normal((len(t), 3))
+    accel += shaken * np.sin(23.0 * 2.0 * np.pi * t[:, None] + [0.0, 1.0, 2.0])
     stage = WindowStage()
     stage.push(np.round(t * 1e9).astype(np.int64), gyro, accel)
     windows = stage.finish()
     spans = still_spans(windows)
     survey = SimpleNamespace(
-        windows=windows, spans=spans, duration_s=SECONDS, gyro_resolution=counts * RATE
+        windows=windows,
+        spans=spans,
+        duration_s=SECONDS,
+        gyro_resolution=counts * RATE,
+        lead_in=spans[0],
     )
     return SimpleNamespace(survey=survey, aiding=SimpleNamespace(gnss=None))
 
@@ -59,3 +73,12 @@ def test_gyros_without_the_rate_of_the_earth_are_as_noisy_as_their_samples():
     log = rest(1, mean=np.zeros(3), sway=0.05 * DEGREE)
     assert gyro_walk_shown(log) == random_walk(log)
     assert sensor_grade(log, ProcessConfig()).grade == "mems"
+
+
+@pytest.mark.parametrize("white", [1e-3, 0.05])
+@pytest.mark.parametrize("shaken", [0.0, 0.1])
+def test_noise_of_accelerometers_is_not_what_shakes_them(white, shaken):
+    log = rest(1, white=white, shaken=shaken)
+    assert velocity_walk_shown(log) == pytest.approx(white / np.sqrt(RATE), rel=0.4)
+    if shaken:
+        assert random_walks(log)[1] > 1.4 * velocity_walk_shown(log)

@@ -92,6 +92,7 @@ def test_two_clocks(rows, findings_of):
     (odd,) = findings_of(rows).values()
     assert (odd.kind, is_fatal(odd)) == ("clock-offset", False)
     assert "+1700000000.002" in odd.text and "stamps are used" in odd.text
+    assert " to " not in odd.text  # one number, not the same one twice
 
 
 def test_bursts_of_log_times_alone(rows, findings_of):

@@ -198,6 +198,10 @@ def optional_topics(
     if name not in topics:
         kinds = ", ".join(t.replace("/msg/", "/") for t in types)
         hint = nearest(name, topics) or (f"there are {', '.join(topics)}" if topics else "")
+        other = log.channels_of(name)
+        if other:
+            what = f"topic {name} is {other[0].type_name or 'of unknown type'}, not {kinds}"
+            raise TopicError(log.path, what, hint)
         raise TopicError(log.path, f"there is no topic {name} of type {kinds}", hint)
     log_choice(flag.removeprefix("--").replace("-", " "), f"{name}, as specified")
     return {name: topics[name]}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, log, sin, sqrt
+from math import cos, log, pi, sin, sqrt
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import SEMI_MAJOR_AXIS
@@ -79,7 +79,7 @@ SWAY_LASTS = 10.0
 # If the angle missed in an epoch is larger than this, rad, it may be any angle, and linearisation
 # no longer holds.
 MOST_MISSED = 1.2
-# In a gap the body may turn as fast as beside it, plus this rate, rad/s.
+# In a gap the body may turn as fast as beside it, plus this rate, rad/s; by half a turn at most.
 GAP_RATE = 0.5
 DIVERGED = -1e300
 
@@ -343,7 +343,7 @@ def predict_state(
     gap = row[GAP] > 0.0
     hand = par[C0] > 0.0
     if gap:
-        turned = sqrt(GAP_RATE**2 + rate * rate) * t
+        turned = min(sqrt(GAP_RATE**2 + rate * rate) * t, pi)
         for i in range(3):
             q[i, i] = turned * turned
             f[XV + i, XV + i] = 0.0

@@ -32,7 +32,7 @@ from scipy import special
 
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.errors import ConfigurationError
-from sinstool.methods.hse.axial import fit_axial
+from sinstool.methods.hse.axial import drift_of_bias, fit_axial
 from sinstool.methods.hse.fit_result import FitOptions, HseFit, RunFit
 from sinstool.methods.hse.least_squares import LeastSquares, lack_of_fit
 from sinstool.methods.hse.model import (
@@ -153,6 +153,10 @@ def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
         )
     solved = _solve(model, data, use, weighted, options, runs, reasons, warnings)
     used = [r for r, u in zip(runs, use, strict=True) if u]
+    drifted = _headings_by_drift(data, use, used)
+    if solved is not None and drifted.any():
+        moved = model.solve(replace(data, offset=drifted), use, weighted).estimate
+        solved = replace(solved, covariance=solved.covariance + np.outer(moved, moved))
     method = "joint" if model.joint else "heading"
     result = HseFit(
         method="axial" if options.method == "axial" else method,
@@ -174,7 +178,7 @@ def fit(runs: Sequence[HseRun], options: FitOptions | None = None) -> HseFit:
     if solved is not None:
         result = _from_headings(result, model, data, use, solved, weighted)
         if paper:
-            result = _paper(result, model, data, use)
+            result = _paper(result, model, data, use, drifted)
     if options.method == "axial":
         result = _from_axial(result, model)
     return result
@@ -203,6 +207,17 @@ def _solve(
     except np.linalg.LinAlgError as error:
         warnings.append(f"headings cannot be fitted: {error}")
         return None
+
+
+def _headings_by_drift(data: RunColumns, use: BoolArray, used: Sequence[HseRun]) -> FloatArray:
+    """What a drift of the bias along the axis, as the turns show it, adds to each heading, rad.
+
+    An error of the rate along the axis turns heading as heading-sensitive error does, eq. (13) of
+    the paper: it cannot be told from it where the rates rise from run to run.
+    """
+    added = np.zeros_like(data.offset)
+    added[use] = -3.0 * data.gain[use] * data.C23[use] * drift_of_bias(used)
+    return added
 
 
 def _one_position(data: RunColumns, use: BoolArray, reasons: list[str]) -> None:
@@ -314,7 +329,9 @@ def _r2(data: RunColumns, use: BoolArray, solved: LeastSquares, weighted: bool) 
     return 1.0 - left / total if total > 0.0 else None
 
 
-def _paper(result: HseFit, model: HeadingModel, data: RunColumns, use: BoolArray) -> HseFit:
+def _paper(
+    result: HseFit, model: HeadingModel, data: RunColumns, use: BoolArray, drifted: FloatArray
+) -> HseFit:
     """Slope of the unweighted line through the mean at each rate, steps 1 to 3 of section 2."""
     cell, offset = data.cell[use], data.offset[use]
     cells, member = np.unique(cell, return_inverse=True)
@@ -333,7 +350,8 @@ def _paper(result: HseFit, model: HeadingModel, data: RunColumns, use: BoolArray
         variance, student = np.sum((mean - design @ estimate) ** 2) / dof / count, True
     else:
         variance, student = data.sigma[use] ** 2, False
-    covariance = (line * variance) @ line.T
+    moved = line @ (np.bincount(member, drifted[use]) / count)
+    covariance = (line * variance) @ line.T + np.outer(moved, moved)
     quantile = float(special.stdtrit(dof, 0.975) if student else special.ndtri(0.975))
     k, sigma_k = float(estimate[1]), float(np.sqrt(covariance[1, 1]))
     result = replace(

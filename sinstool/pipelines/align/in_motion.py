@@ -36,7 +36,7 @@ from sinstool.methods.sensor_errors import (
     as_if_aligned,
     without,
 )
-from sinstool.survey.grade import gyro_walk_shown, measured_noise
+from sinstool.survey.grade import gyro_walk_shown, measured_noise, velocity_walk_shown
 from sinstool.survey.imu import Survey
 from sinstool.survey.rest import REST_S, longest_rest, rest_end
 from sinstool.survey.source import Source, rate_blocks
@@ -174,7 +174,8 @@ def _through(
         if start is not None:
             last = int(fixes.time_ns[-1]) if end is None else end
             later = [ns for s in LATER_S if (ns := start + round(s * SECOND)) < last]
-    errors = sensor_errors(config, grade, at_rest, gyro_walk_shown(source, REST_S) or 0.0)
+    walks = gyro_walk_shown(source, REST_S) or 0.0, velocity_walk_shown(source)
+    errors = sensor_errors(config, grade, at_rest, walks)
     doubtful = grade in LOW_COST and not at_rest and options.sigma_bg is None
 
     def begun(
@@ -398,7 +399,7 @@ def imu_noise(config: ProcessConfig, grade: Grade, scale_states: bool = False) -
 
 
 def sensor_errors(
-    config: ProcessConfig, grade: Grade, at_rest: bool, angle_walk: float = 0.0
+    config: ProcessConfig, grade: Grade, at_rest: bool, walks: tuple[float, float] = (0.0, 0.0)
 ) -> SensorGrade:
     """Errors of the sensors: as the options say, else those of the grade.
 
@@ -406,11 +407,13 @@ def sensor_errors(
     ----------
     at_rest : bool
         A rest shows the gyro bias.
-    angle_walk : float
-        Angular random walk seen at rest, rad/sqrt(s), taken where it is more than the grade's.
+    walks : tuple of float
+        Random walks seen at rest, of angle, rad/sqrt(s), and of velocity, (m/s)/sqrt(s), taken
+        where they are more than the grade's.
     """
     options, noise = config.in_flight, imu_noise(config, grade)
-    gyro_bias, accel_bias, walk = noise.gyro_bias, noise.accel_bias, noise.angle_random_walk
+    gyro_bias, accel_bias = noise.gyro_bias, noise.accel_bias
+    angle, velocity = noise.angle_random_walk, noise.velocity_random_walk
     if options.sigma_bg is None:
         gyro_bias = float(np.hypot(gyro_bias, noise.gyro_instability))
         gyro_bias = min(gyro_bias, AFTER_REST) if at_rest else gyro_bias
@@ -420,7 +423,8 @@ def sensor_errors(
         noise,
         gyro_bias=gyro_bias,
         accel_bias=accel_bias,
-        angle_random_walk=max(walk, angle_walk) if options.arw is None else walk,
+        angle_random_walk=max(angle, walks[0]) if options.arw is None else angle,
+        velocity_random_walk=max(velocity, walks[1]) if options.vrw is None else velocity,
     )
     aligned = without(as_if_aligned(used), "drift")
     if config.filter.sigma_misalignment is None:

@@ -22,6 +22,7 @@ from sinstool.methods.height.vertical import MAX_HOLD, beginning_quickly
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.height import Damping, damping, height_warnings
+from sinstool.pipelines.process.height_beside_gnss import HeightBesideGnss
 from sinstool.pipelines.process.ins_start import start_state
 from sinstool.pipelines.process.mode import (
     BytesRead,
@@ -61,11 +62,13 @@ class InsMode(Mode):
         state, self._notes, known = start_state(source, plan.alignment, settings, config)
         self._latitude, longitude, height = state[:3].tolist()
         self._damping: Damping | None = None
+        self._height_beside: HeightBesideGnss | None = None
         self.emits = ("imu", "attitude", "odometry", "fix", "tf")
         if config.vertical.height_damping != "off":
             self.emits = (*self.emits, "height")
             self._damping, notes = damping(source, config, self._latitude, height)
             self._notes += notes
+            self._height_beside = HeightBesideGnss(self._damping.reference, source.aiding.gnss)
             parameters = layout.new_parameters(
                 self._damping.network, self._damping.grade.grade, baro_lag=config.vertical.baro_lag
             )
@@ -97,6 +100,8 @@ class InsMode(Mode):
                 fixes_ns, time_ns[-1], "right"
             ):
                 self._beside = solution
+            if self._height_beside is not None:
+                self._height_beside.push(solution)
             yield solution
 
     def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
@@ -108,6 +113,8 @@ class InsMode(Mode):
             assert last.vertical is not None
             height = self._damping.result(run.channel, run.events, run.first_ns, last.vertical[-1])
             texts += height_warnings(run.channel, run.events)
+            assert self._height_beside is not None
+            texts += self._height_beside.warnings()
         else:
             texts.append(undamped_warning(self._latitude, seconds))
         off = difference_to_gnss(self._beside, self.source.aiding.gnss)

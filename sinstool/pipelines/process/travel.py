@@ -136,18 +136,15 @@ class Odometer:
             self._first_ns = int(solution.time_ns[0])
         self._last_ns = int(solution.time_ns[-1])
         # The first of each second
-        last = (self._last_ns - self._first_ns) // SECOND
-        begins = self._first_ns + SECOND * np.arange(self._second + 1, last + 1)
-        rows = np.searchsorted(solution.time_ns, begins)
-        rows = rows[np.diff(rows, prepend=-1) > 0]
-        self._second = last
+        second = (solution.time_ns - self._first_ns) // SECOND
+        rows = np.flatnonzero(np.diff(second, prepend=self._second) > 0)
+        self._second = int(second[-1])
         if solution.velocity_n is not None and solution.position is not None:
             fastest = float(np.hypot(*solution.velocity_n[:, :2].T).max())
             self._fastest = fastest if self._fastest is None else max(self._fastest, fastest)
             self._move(solution.position[rows])
         if solution.covariance_attitude_n is not None:
-            seconds = (solution.time_ns[rows] - self._first_ns) // SECOND
-            self._keep(solution, rows[seconds % self._stride == 0])
+            self._keep(solution, rows[second[rows] % self._stride == 0])
 
     def _move(self, places: FloatArray) -> None:
         """Add the way through places, each a second or more after the one before."""

@@ -12,6 +12,7 @@ from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.vertical import VerticalChannel, upward_specific_force
 from sinstool.pipelines.process.height import damping, height_warnings
+from sinstool.pipelines.process.height_beside_gnss import HeightBesideGnss
 from sinstool.pipelines.process.height_used import HeightDamping
 from sinstool.survey.source import Source
 
@@ -43,6 +44,7 @@ class Vertical:
         start = source.position[2] or 0.0
         self.damping, notes = damping(source, config, latitude, start)
         self._notes += notes
+        self._beside = HeightBesideGnss(self.damping.reference, source.aiding.gnss)
         self._channel = VerticalChannel(
             self.damping.network,
             latitude,
@@ -68,7 +70,9 @@ class Vertical:
         out = self._channel.push(solution.time_ns, f_up, *heights)
         vertical = np.stack([out.height, out.v_up, out.correction], axis=1)
         self._last = vertical[-1]
-        return replace(solution, vertical=vertical)
+        solution = replace(solution, vertical=vertical)
+        self._beside.push(solution)
+        return solution
 
     def summary(self) -> HeightDamping:
         """Damping of the height, and its events."""
@@ -78,4 +82,5 @@ class Vertical:
 
     def warnings(self) -> list[str]:
         """Warnings about the height."""
-        return [*self._notes, *height_warnings(self._channel.summary, self._channel.events)]
+        said = height_warnings(self._channel.summary, self._channel.events)
+        return [*self._notes, *said, *self._beside.warnings()]

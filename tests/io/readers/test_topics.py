@@ -252,7 +252,11 @@ def test_fixes(tmp_path):
     with open_log(one) as log:
         assert [c.topic for c in choose_optional(log, "--gnss-topic", None, FIX_TYPE)] == ["/fix"]
         assert [c.topic for c in choose_optional(log, "--gnss-topic", "/fix", FIX_TYPE)] == ["/fix"]
-        with pytest.raises(TopicError, match="no topic /imu of type sensor_msgs/NavSatFix"):
+        with pytest.raises(TopicError, match="no topic /im of type sensor_msgs/NavSatFix"):
+            choose_optional(log, "--gnss-topic", "/im", FIX_TYPE)
+        with pytest.raises(
+            TopicError, match="topic /imu is sensor_msgs/msg/Imu, not sensor_msgs/N"
+        ):
             choose_optional(log, "--gnss-topic", "/imu", FIX_TYPE)
         assert choose_optional(log, "--x", None, "std_msgs/msg/String") == ()
     ours = fix("/sinstool/fix", TIMES[0])

@@ -247,6 +247,28 @@ def test_a_bias_that_drifts_while_the_rates_rise_is_in_the_sigma():
     assert fit_axial(warming(both), True).sigma_lambda2 < 0.5 * found.sigma_lambda2
 
 
+@pytest.mark.parametrize("form", ["regressor", "paper"])
+def test_a_bias_that_drifts_turns_headings_as_well_and_is_in_their_sigma(form):
+    """It was 5 sigma off: what drifts along the axis looks like lambda2 in headings too."""
+    options = FitOptions(method="heading", form=form)
+    runs = brute_runs(np.repeat(RATES, 2), lean=8e-3)
+
+    def turned(run, bias):  # eq. (13): the east error of an axis that leans
+        east = run.C23 * bias
+        return replace(run, heading=run.heading - east / (W * np.cos(run.latitude)))
+
+    warm = [
+        replace(turned(after, (after.c_axial - before.c_axial) * after.rate), sigma_heading=ARCSEC)
+        for before, after in zip(runs, warming(runs, 1e-9), strict=True)
+    ]
+    found = fit(noisy(warm, np.random.default_rng(3)), options)
+    calm = fit(noisy([replace(run, quality={}) for run in warm], np.random.default_rng(3)), options)
+    off = abs(found.lambda2 - TRUE)
+    assert off > 3.0 * calm.sigma_lambda2
+    assert off < 2.0 * found.sigma_lambda2
+    assert found.sigma_K > 2.0 * calm.sigma_K
+
+
 def test_slopes_of_noise_are_no_drift():
     rng = np.random.default_rng(7)
     for _ in range(50):

@@ -30,6 +30,7 @@ from tests.helpers.unseen_drives import (
     LEVER,
     RATE,
     band_noise,
+    drive,
     flight,
     motion_of,
     record,
@@ -46,9 +47,9 @@ HOUR = 3600.0
 MODULE = "sinstool.pipelines.align.in_motion"
 
 
-def errors(grade="mems", at_rest=False, walk=0.0, misalignment=None, **options):
+def errors(grade="mems", at_rest=False, walk=0.0, velocity=0.0, misalignment=None, **options):
     config = {"in_flight": options, "filter": {"sigma_misalignment": misalignment}}
-    return sensor_errors(build(ProcessConfig, config), grade, at_rest, walk)
+    return sensor_errors(build(ProcessConfig, config), grade, at_rest, (walk, velocity))
 
 
 def test_a_rest_says_what_the_bias_is():
@@ -65,11 +66,14 @@ def test_a_random_walk_seen_at_rest_counts_where_it_is_more():
     usual = IMU_GRADES["tactical"].angle_random_walk
     assert errors("tactical", walk=3.0 * usual).angle_random_walk == 3.0 * usual
     assert errors("tactical", walk=0.3 * usual).angle_random_walk == usual
+    usual = IMU_GRADES["tactical"].velocity_random_walk
+    assert errors("tactical", velocity=3.0 * usual).velocity_random_walk == 3.0 * usual
+    assert errors("tactical", velocity=0.3 * usual).velocity_random_walk == usual
 
 
 def test_options_win():
     options = {"sigma_bg": 2.0, "sigma_ba": 0.03, "sigma_sf": 5e-4, "arw": 0.2, "vrw": 80.0}
-    result = errors(at_rest=True, walk=1.0, misalignment=0.0, **options)
+    result = errors(at_rest=True, walk=1.0, velocity=1.0, misalignment=0.0, **options)
     assert np.rad2deg(result.gyro_bias) * HOUR == pytest.approx(2.0)
     assert result.accel_bias == 0.03
     assert result.gyro_scale == result.accel_scale == 5e-4
@@ -324,3 +328,19 @@ def test_spans_that_are_too_short_for_positions_alone_are_skipped(tmp_path, seed
     with open_log(log) as opened:
         answer = align_moving(prepare(opened, config), config, "mems", "svd", "start")
     assert answer.result.status in ("ok", "degraded", "level-only", "unobservable")
+
+
+def test_noise_of_accelerometers_at_rest_is_in_the_sigma(tmp_path):
+    """Of a stated grade; with accelerometers forty times as noisy attitudes were 4 sigma off."""
+    noisy = unseen_errors(0.05, 1.0, 1.27, 15.0, 300.0, 4.0)
+    log = write(tmp_path / "log.mcap", record(drive(3, 180.0, 60.0), noisy, 3, sigma_v=0.03))
+    sigma = []
+    for vrw in (None, 2160.0, 50.0):  # as shown, as it is, as the grade has it
+        options = {"in_flight": {"vrw": vrw}, "navigation": {"imu_grade": "tactical"}}
+        config = build(ProcessConfig, {**options, "input": {"gyro_kind": "mean-rate"}})
+        with open_log(log) as opened:
+            made = align_moving(prepare(opened, config), config, "tactical", "svd", "end")
+        sigma.append(np.sqrt(np.diag(made.result.cov)))
+    shown, true, assumed = sigma
+    assert (shown > 1.2 * assumed).all()
+    np.testing.assert_allclose(shown, true, rtol=0.25)

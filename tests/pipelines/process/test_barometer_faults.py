@@ -73,6 +73,27 @@ def test_height_stays(tmp_path, case, grade):
         assert samples[name] == count
     assert sum(samples.values()) == len(f.pressure)
     assert any(words in text for text in summary["warnings"])
+    assert not any("from that of GNSS" in text for text in summary["warnings"])
+
+
+@pytest.mark.parametrize("mode", ["ins", "attitude"])
+@pytest.mark.parametrize("by_setting", [False, True])
+def test_a_height_that_is_not_that_of_gnss_is_said(tmp_path, mode, by_setting):
+    """A sensor that hangs from its first sample on was followed, tens of metres off, silently."""
+    f = flight_log()
+    vertical = {"height_damping": "baro", **({"qnh": 101325.0} if by_setting else {})}
+    options = f.options(navigation={"mode": mode}, vertical=vertical)
+    sound, _ = run(f.write(tmp_path / "sound.mcap"), tmp_path / "a.mcap", options)
+    assert not any("from that of GNSS" in text for text in sound["warnings"])
+    f.pressure[:] = f.pressure[0]
+    summary, collected = run(f.write(tmp_path / "log.mcap"), tmp_path / "b.mcap", options)
+    off = collected.column("vertical")[:, 0] - f.flight.height
+    assert np.ptp(off) > 30.0
+    (text,) = [text for text in summary["warnings"] if "from that of GNSS" in text]
+    said = float(text.split("up to ")[1].split(" m")[0])
+    if not by_setting:  # else the level is not compared
+        assert 0.7 * np.abs(off).max() < abs(said) < 1.1 * np.abs(off).max()
+    assert abs(said) > 15.0
 
 
 @pytest.mark.parametrize("mode", ["ins", "attitude"])

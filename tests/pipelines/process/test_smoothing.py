@@ -146,6 +146,18 @@ def test_after_a_gap_tilt_is_found_again_and_heading_is_not(tmp_path):
     assert any("nothing is integrated across it" in text for text in summary["warnings"])
 
 
+def test_after_a_gap_of_hours_tilt_is_found_again(tmp_path):
+    """An angle that may be any was thousands of radians, in which the filter lost its digits."""
+    log = hand(60.0, seed=3)
+    log.time_ns[3000:] += 7200 * 10**9
+    summary, off, covariance = smoothed(tmp_path, log)
+    sigma = np.sqrt(np.einsum("nii->ni", covariance))
+    assert np.degrees(np.abs(off).max()) < 2.0
+    assert (np.abs(off) < 4.0 * sigma[:, :2]).all()
+    assert np.degrees(np.median(sigma[:, :2])) < 2.0
+    assert summary["smoothing"]["motion"] == "hand"
+
+
 @pytest.mark.parametrize("long", [False, True])
 def test_which_gaps_are_integrated_across_is_said(tmp_path, long):
     """Of 40 ms and less all are; "nothing is integrated across them" was said of all."""

@@ -1,5 +1,7 @@
 """How far, how fast and how well, of solutions made by hand."""
 
+import tracemalloc
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -80,6 +82,18 @@ def test_memory_is_bounded():
     made.push(eastward(3 * MOST_SIGMAS, rate=1, sigma=sigma))
     assert MOST_SIGMAS // 2 <= len(made._sigmas) <= MOST_SIGMAS
     assert made.travel().accuracy.heading_deg.median == pytest.approx(1.0)
+
+
+def test_a_clock_that_leaps_takes_no_memory():
+    """A computer without a clock starts in 1970: it asked for 12 GiB, for the seconds between."""
+    made, before, after = Odometer(), eastward(3), eastward(3)
+    made.push(before)
+    tracemalloc.start()
+    made.push(replace(after, time_ns=after.time_ns + 3_000_000 * 10**9))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 1e6
+    assert made.travel().duration_s == 3_000_003.0
 
 
 def test_nothing_and_attitude_alone():
