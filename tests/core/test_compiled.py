@@ -26,6 +26,7 @@ print(length(3.0))
 """
 
 
+@pytest.mark.slow
 def test_what_is_compiled_runs_without_numba_and_the_rest_is_compiled(tmp_path):
     outputs = [
         subprocess.run(
@@ -127,6 +128,7 @@ def exchanged(paths):
         path.write_bytes(content)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", [emptied, cut_short, changed, exchanged])
 def test_a_damaged_cache_is_made_anew(tmp_path, damage):
     cache = {"NUMBA_CACHE_DIR": str(tmp_path)}

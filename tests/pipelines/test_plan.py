@@ -139,6 +139,7 @@ def test_a_finding_about_a_log_does_not_repeat_its_name(tmp_path):
     assert "--align" in finding.answer and "--align" not in finding.text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 3])
 def test_fixes_that_contradict_the_imu_deny_its_attitude_too(tmp_path, seed):
     """Axes of a left-handed frame; with right ones, the motion of some boats shows too little."""

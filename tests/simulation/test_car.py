@@ -81,6 +81,7 @@ def test_slip_outward_is_by_kappa():
     assert np.abs(down).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_slow_slip_has_its_size_and_time():
     _, forward, right, _, _, _ = seen_by_axle(1800.0, slip=0.1, slip_time=4.0, suspension=0.0)
     moving = forward > 8.0

@@ -104,6 +104,7 @@ def test_a_sensor_on_its_head_is_no_contradiction(roads):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vehicle", [boat, flight, multicopter, walk])
 @pytest.mark.parametrize("unit", [1.0, DEG])
 def test_vehicles_that_slide_lean_or_go_sideways_are_not_accused(vehicle, unit):

@@ -129,6 +129,7 @@ def saturated(gyro):
     return np.clip(gyro, -limit, limit)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*MOTIONS, *MUTE, *QUICK])
 def test_rates_in_rad_s_are_left_alone(name):
     gyro, accel = {**MOTIONS, **MUTE, **QUICK}[name]()

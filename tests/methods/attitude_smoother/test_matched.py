@@ -81,6 +81,7 @@ def is_one(values, error):
     return own < error and abs(values.mean() - 1.0) < 3.0 * own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_errors_are_as_large_as_the_covariance_says(case):
     # A run gives one bias of each axis, and hardly more tilts of a vehicle, but many of a hand. How
@@ -272,6 +273,7 @@ def dense(rows, motion, sensors, x0, p0, passes=6):
     return states, np.linalg.inv(normal)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", [HAND, VEHICLE], ids=lambda m: m.name)
 def test_the_smoother_is_the_least_squares_solution_of_all_epochs(motion, monkeypatch):
     # iterated to the end, for least squares are

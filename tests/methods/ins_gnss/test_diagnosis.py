@@ -388,6 +388,7 @@ def test_an_antenna_that_turns_about_the_imu_shows_no_other_heading(seed):
     assert exit_status(result) == 0, summary(result)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_where_an_antenna_is_taken_to_be_elsewhere_that_is_said_and_not_the_heading(seed):
     result = turned_on_the_spot(seed, np.array([-1.7, 0.9, -1.0]))

@@ -73,6 +73,7 @@ def winding(seed, duration=120.0):
     return motion_of(t, velocity, np.stack([roll, pitch, course], axis=1))
 
 
+@pytest.mark.slow
 def test_velocity_may_be_of_half_a_sample_ago(tmp_path):
     """Means over 20 ms, read as rates: at 10 m/s^2 velocity is 0.1 m/s off between fixes."""
     ratios = []

@@ -108,6 +108,7 @@ def test_where_the_next_ones_do_not_agree_nothing_is_said():
     assert not leaps(gnss).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 4])
 def test_a_bad_fix_after_an_outage_does_not_throw_the_filter_off(tmp_path, seed):
     """A phone's chip is 100 m uncertain after a minute without fixes: it took one that was 154 m
@@ -237,6 +238,7 @@ def test_fixes_that_are_off_together_count_as_one():
     assert sigma[[0, 5, 6]] == pytest.approx([0.0, 0.0, 5.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 3])
 def test_a_receiver_that_comes_in_does_not_throw_the_filter_off(tmp_path, seed):
     truth = drive(seed, 330.0, rest=20.0)

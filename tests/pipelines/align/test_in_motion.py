@@ -166,6 +166,7 @@ def cornering(seed, most=1.6, speed=17.0):
     return motion_of(t, velocity, np.stack([roll, pitch, course], axis=1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_v", [0.05, None])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_corner_of_more_than_two_g_is_no_launch(tmp_path, seed, sigma_v):
@@ -205,6 +206,7 @@ def aligned(tmp_path, data, groups=None, **options):
     return result, np.sqrt(off @ np.linalg.solve(covariance, off) / 3.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_quiet_gyros_in_steady_motion_do_not_show_north(tmp_path, seed):
     """Headings 44 deg off, to 1.7 deg: gyros of industrial grade, taken for tactical ones."""
@@ -250,6 +252,7 @@ def test_alignment_begins_later_where_the_first_motion_shows_nothing(tmp_path, s
         assert (np.rad2deg(sigma) < [0.7, 0.7, 2.0]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 5])
 def test_an_antenna_whose_place_is_not_given_is_estimated(tmp_path, seed):
     """An excavator swings its antenna about: 2 deg off in tilt at 9 sigmas, with one at the IMU."""
@@ -275,6 +278,7 @@ def test_an_antenna_whose_place_is_not_given_is_estimated(tmp_path, seed):
     assert result.sigma_deg[2] < 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_gyro_bias_that_earlier_fixes_showed_is_not_searched_for_again(
     tmp_path, monkeypatch, seed

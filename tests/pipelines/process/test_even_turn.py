@@ -43,6 +43,7 @@ def drift(tmp_path, seed, *phases, **sensors):
     return off, sigma, [one["kind"] for one in summary["findings"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     "phases",
@@ -59,6 +60,7 @@ def test_an_even_turn_is_in_the_sigma_of_heading(tmp_path, seed, phases):
     assert "steady-rate" in kinds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("phases", [((20.0, 0.0), (100.0, 0.3)), ((100.0, 0.3), (20.0, 0.0))])
 def test_a_rest_beside_it_shows_that_it_turns(tmp_path, seed, phases):

@@ -108,6 +108,7 @@ def test_whether_a_sample_is_a_mean_or_a_rate_is_in_the_sigma(tmp_path, seed):
     assert after < 0.8 * before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scale", "bias"), [(5e-3, 0.0), (1e-2, 0.03)])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_heading_that_turns_on_and_on_is_off_in_proportion(tmp_path, seed, scale, bias):
@@ -202,6 +203,7 @@ def hanging(seed, swing, rest_s=0.0):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("swing", [0.03, 0.06])
 @pytest.mark.parametrize("seed", range(6))
 def test_a_load_that_swings_all_the_time_never_rests(tmp_path, seed, swing):
@@ -211,6 +213,7 @@ def test_a_load_that_swings_all_the_time_never_rests(tmp_path, seed, swing):
     assert np.degrees(off.max()) < 2.0 and over_sigma(off, covariance) < 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_one_that_hung_still_before_shows_its_bias_there(tmp_path, seed):
     _, off, covariance = smoothed(tmp_path, hanging(seed, 0.03, rest_s=15.0))
@@ -218,6 +221,7 @@ def test_one_that_hung_still_before_shows_its_bias_there(tmp_path, seed):
     assert np.degrees(np.sqrt(covariance[-1, 2, 2])) < 45.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_short_stops_of_a_hand_are_rests(tmp_path, seed):
     """Three seconds each, and nothing longer."""

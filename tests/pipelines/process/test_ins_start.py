@@ -29,6 +29,7 @@ def first_errors(folder, seed, sigma_v, latency=0.0, later=0.0):
     return np.abs(error[:3]).max(), np.abs(error[3:6]).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "latency", "later"), [(1, 0.0, 0.0), (2, 0.0, 0.0), (2, 0.2, 0.0), (1, 0.0, 8.5)]
 )

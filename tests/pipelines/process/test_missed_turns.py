@@ -15,6 +15,7 @@ def hung(seed, at_s, seconds, rate=(0.15, -0.14, 0.21)):
     return log
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("at_s", [12.0, 40.0])
 def test_a_rest_after_gyros_that_hang_shows_the_vertical(tmp_path, seed, at_s):

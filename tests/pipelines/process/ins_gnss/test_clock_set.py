@@ -28,6 +28,7 @@ def worst(truth, solution, ahead_s):
 
 
 # What of a clock that steps forward alone is moved is what lies behind: it was right before
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("size", "who", "ahead_s"),
     [(-2.0, TOGETHER, -2.0), (0.3, ("imu", "recorder"), 0.0), (-0.3, ("gnss",), 0.0)],

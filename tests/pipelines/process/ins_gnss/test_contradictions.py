@@ -81,6 +81,7 @@ def test_rejected_fixes_are_reported_once(tmp_path):
     assert kinds.count("fixes-disbelieved") == 1 and "rejected-fixes" not in kinds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "rad_s"), [(1, 0.25), (4, 0.1)])
 def test_an_engine_that_shakes_the_gyros_is_no_noise_of_velocities(tmp_path, seed, rad_s):
     """Times an arm of 2 m it was: status 3, as `velocities-do-not-fit`, without any fault."""

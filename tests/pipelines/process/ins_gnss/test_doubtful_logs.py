@@ -120,6 +120,7 @@ def test_a_rest_before_the_first_fix_is_not_said_to_be_motion(tmp_path):
     assert off[-1] < 3.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [51, 53])
 def test_a_parked_car_whose_gyro_warms_up_shows_no_other_heading(tmp_path, seed):
     truth = drive(seed, 260.0, rest=200.0)
@@ -169,6 +170,7 @@ def test_the_bias_of_a_moving_car_is_found(tmp_path, begun_in_motion, seed, velo
     assert np.sqrt(np.mean(heading**2)) < 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begin", [0.1, 0.9])
 def test_one_fix_a_second_is_enough_for_a_start_with_a_given_attitude(tmp_path, begin):
     """Of positions alone the first three seconds have no velocity with fixes on both sides."""

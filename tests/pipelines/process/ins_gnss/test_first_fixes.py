@@ -87,6 +87,7 @@ def test_several_false_fixes_and_other_receivers(tmp_path, make, far_m, many, si
     assert over_sigma(truth, solution) < 1.2 * over_sigma(truth, without)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [drive, flight])
 def test_false_fixes_at_the_start_of_a_log_are_left_out(tmp_path, make):
     """A flight went astray by 2 km until the filter restarted after 30 s."""

@@ -96,6 +96,7 @@ def heading_off(log, truth):
 
 
 # How often a second fixes come, and the noise of their velocities, m/s, if they have any
+@pytest.mark.slow
 @pytest.mark.parametrize("rate, sigma_v", [(1.0, None), (1.0, 0.05), (5.0, None), (10.0, 0.03)])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_slow_robot_with_fixes_of_a_centimetre_shows_its_heading(tmp_path, rate, sigma_v, seed):

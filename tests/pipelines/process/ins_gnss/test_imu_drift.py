@@ -70,6 +70,7 @@ def industrial(tmp_path_factory):
 GROUPS = {"gnss": {"lever_arm": tuple(LEVER.tolist())}, "input": {"gyro_kind": "mean-rate"}}
 
 
+@pytest.mark.slow
 def test_factors_make_up_for_a_grade_that_is_too_cautious(industrial):
     noise = []
     for factor in (3.0, 6.0):

@@ -48,6 +48,7 @@ from tests.helpers.unseen_drives import (
 from tests.helpers.unseen_errors import crossed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("grade", "expected"), [("industrial", "industrial"), ("tactical", None)])
 def test_what_drifts_as_a_worse_grade_is_taken_for_one(tmp_path, grade, expected):
     data = record(drive(9, 260.0, 20.0), GRADES[grade], 32, gnss_rate=10.0, sigma=0.9)
@@ -67,6 +68,7 @@ def test_what_drifts_as_a_worse_grade_is_taken_for_one(tmp_path, grade, expected
     assert expected or begun.settings.imu.angle_random_walk < 0.007 * DEGREE_PER_ROOT_HOUR
 
 
+@pytest.mark.slow
 def test_innovations_refute_the_grade_of_a_rest(tmp_path):
     """Gyros as quiet and unbiased as tactical ones, with poor scale factors."""
     sensors = sensor_errors(0.1, 1.0, 0.1, 200.0, 5000.0, 1.0)
@@ -104,6 +106,7 @@ def test_sensors_that_an_idling_engine_shakes_are_known_by_their_noise_in_motion
     assert noise.settings.imu == IMU_GRADES["mems"] and not noise.grade.by_drift
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path, seed):
     start = start_of(idling(tmp_path / "log.mcap", "mems", seed), gnss={"gnss_latency": 0.0})
@@ -128,6 +131,7 @@ def test_a_grade_is_fitted_once(tmp_path, monkeypatch):
     assert len(fitted) == len(set(fitted)) > 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_an_engine_that_idles_is_no_fault_of_a_navigation_grade_nor_of_the_fixes(tmp_path, seed):
     """Its noise at rest passed for a bias, and for fixes that wander by twice what they say."""
@@ -483,6 +487,7 @@ def test_misaligned_accelerometers_are_in_the_first_tilt(tmp_path):
     assert 0.3 < np.sqrt(np.mean(off)) < 1.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 6, 7])
 def test_a_configured_grade_with_which_the_fixes_are_far_less_likely_is_reported(tmp_path, seed):
     """Two minutes have too few stretches without fixes for a drift: status 0 before with seed 6."""
@@ -503,6 +508,7 @@ def test_a_configured_grade_with_which_the_fixes_are_far_less_likely_is_reported
     assert "far likelier" in said.text and said.severity == Severity.LOST
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("bias_deg_h", "options", "denied"),
     [(0.0, {}, False), (40.0, {}, True), (40.0, {"sigma_bg": 30.0}, False)],

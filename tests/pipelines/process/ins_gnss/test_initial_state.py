@@ -72,6 +72,7 @@ def test_an_aircraft_that_flies_straight_for_minutes_is_aligned_by_its_turns(tmp
     assert np.rad2deg(sigma).max() < 12.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [20, 24, 28])
 @pytest.mark.parametrize(("rate", "sigma"), [(1.0, 0.02), (5.0, 0.5)])
 def test_the_first_velocity_by_positions_is_that_of_the_imu(tmp_path, seed, rate, sigma):

@@ -103,6 +103,7 @@ def test_what_is_found_does_not_depend_on_where_it_began(tmp_path):
     assert np.all(size["at once"] > 2.0 * size["iterated"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading_deg", [-35.0, 25.0, 40.0])
 def test_sigmas_hold_that_begin_far_off(begun, heading_deg):
     start, motion, c_nb, truth = begun

@@ -118,6 +118,7 @@ def test_bad_fixes_change_nothing(tmp_path, road):
     assert not start.offsets.arm_contradicts
 
 
+@pytest.mark.slow
 def test_an_antenna_two_metres_away_is_named_with_its_place(tmp_path, road):
     log = logged(tmp_path, road, 7, latency=0.1)
     wrong = LEVER + np.array([2.0, 0.0, 0.0])
@@ -156,6 +157,7 @@ def test_an_antenna_of_which_nobody_said_where_it_is_is_found(tmp_path, moving, 
     assert over_sigma(truth, solution)[0] < 1.5
 
 
+@pytest.mark.slow
 def test_a_long_rest_before_the_drive_hides_no_antenna(tmp_path):
     truth = drive(8, 540.0, 405.0)
     log = logged(tmp_path, truth, 8, sigma=0.02, sigma_v=0.05, gnss_rate=5.0)
@@ -164,6 +166,7 @@ def test_a_long_rest_before_the_drive_hides_no_antenna(tmp_path):
     assert shown.settings.lever_arm_b[:2] == pytest.approx(LEVER[:2], abs=0.1)
 
 
+@pytest.mark.slow
 def test_an_antenna_that_somebody_said_is_at_the_imu_stays_there(tmp_path, road):
     log = logged(tmp_path, road, 7, sigma=0.02)
     result, solution = run(log, input=dict(KIND), gnss=given(arm=np.zeros(3)))

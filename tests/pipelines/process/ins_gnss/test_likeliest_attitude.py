@@ -56,6 +56,7 @@ def turned(start, c_nb, heading_deg, sigma_deg):
     return replace(start, start=replace(start.start, nav=nav, covariance_attitude_n=covariance))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading_deg", [60.0, -100.0, 180.0])
 def test_a_wrong_heading_is_not_the_likeliest(begun, heading_deg):
     start, motion, c_nb, truth = begun

@@ -237,6 +237,7 @@ def test_only_axes_that_are_noisier_are_named(noisier, words):
     assert times_as_noisy(noisier) == words
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("claims", "options", "expected"),
     [(1.0, {}, 1.0), (0.2, {}, 5.0), (5.0, {}, 1.0), (0.2, {"gnss_noise_scale": 2.0}, 1.0)],
@@ -336,6 +337,7 @@ def test_what_a_receiver_says_beyond_its_usual_error_lasts():
     np.testing.assert_array_equal(rare, sigma)  # a fix each 20 s: each is another
 
 
+@pytest.mark.slow
 def test_what_a_receiver_says_to_be_worse_is_no_noise_of_its_other_fixes(tmp_path):
     """Positions off by metres, as said, made all others count as 34 times as noisy as stated."""
     data = record(drive(4, 500.0, 10.0), GRADES["tactical"], 4, gnss_rate=2.0, sigma=0.05)

@@ -144,6 +144,7 @@ def test_wrong_settings_are_named(flight, options, kind, words):
     assert any(w.startswith(result[0]["text"]) for w in chosen["warnings"])
 
 
+@pytest.mark.slow
 def test_a_grade_that_noise_at_rest_contradicts_is_reported(drive):
     chosen, _ = run(drive, gnss=ARM, navigation={"imu_grade": "navigation"})
     assert any("noise at rest" in w for w in chosen["warnings"])

@@ -61,6 +61,7 @@ def test_what_options_say_of_the_fixes_stays(tmp_path):
     assert start.slow_errors == (1.0, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_fixes_wander_beside_an_imu_of_a_stated_grade(tmp_path, seed):
     """A navigation ended 24 of its sigmas off where a grade was given."""

@@ -88,6 +88,7 @@ def test_mount_axle_and_wheels_are_found(tmp_path):
     assert nees(*attitude)[0] < 1.5 and nees(*position)[0] < 2.5
 
 
+@pytest.mark.slow
 def test_the_attitude_of_the_vehicle_is_written(car, tmp_path):
     out = tmp_path / "out.mcap"
     options = {
@@ -229,6 +230,7 @@ def test_wheels_that_are_named_in_vain_are_said(tmp_path):
     assert "wheels-unused" in kinds(chosen)
 
 
+@pytest.mark.slow
 def test_wheels_that_are_read_once_a_second_are_used(tmp_path):
     """As by the diagnostic plug of a car."""
     car = simulated(

@@ -96,6 +96,7 @@ def test_a_clock_of_the_receivers_own_is_corrected(tmp_path, monkeypatch, seed, 
     assert (0.4 if begins_anew else 0.2) < np.sqrt(np.mean((error[:, :3] / sigma) ** 2)) < 1.6
 
 
+@pytest.mark.slow
 def test_the_first_position_is_as_uncertain_as_the_change_makes_it(late):
     start = start_of(late[0], **GROUPS)
     by = 0.1
@@ -107,6 +108,7 @@ def test_the_first_position_is_as_uncertain_as_the_change_makes_it(late):
     assert added == pytest.approx(np.outer(off, off))
 
 
+@pytest.mark.slow
 def test_nothing_is_sought_where_it_would_not_matter(late):
     """Nothing is estimated: there are no increments to do so by."""
     start, config = start_of(late[0], **GROUPS), ProcessConfig(**GROUPS)
@@ -121,6 +123,7 @@ def test_nothing_is_sought_where_it_would_not_matter(late):
         latency_of_whole_log(start, config, times)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.0, 3e-5], ids=["no rate", "a rate within its sigma"])
 def test_nothing_is_estimated_twice(late, monkeypatch, rate):
     """The search for a clock's rate begins, and may end, where that for the latency begins."""
