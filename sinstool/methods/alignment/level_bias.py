@@ -9,14 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.alignment.inflight_types import GnssFixes
 
-# Fixes faster than this show the course.
-MOVING_M_S = 2.0
+# Fixes faster than this show the course, if they are so for as long as this, s: bad fixes, and the
+# first that a velocity is derived from, seem fast for a moment.
+MOVING_M_S, MOVING_S = 2.0, 3.0
 # Longest and shortest time from the start that is used, s.
 MOST_S = 120.0
 LEAST_S = 15.0
@@ -71,7 +72,7 @@ def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> LevelBias | None:
     """
     speed = np.linalg.norm(fixes.velocity_n[:, :2], axis=1)
     end_ns = begin_ns + round(MOST_S * SECOND)
-    fast = (speed > MOVING_M_S) & (fixes.time_ns >= begin_ns)
+    fast = _for_long(speed > MOVING_M_S, fixes.time_ns) & (fixes.time_ns >= begin_ns)
     fast &= fixes.time_ns <= min(end_ns, imu.time_ns[-1])
     time_ns, velocity = fixes.time_ns[fast], fixes.velocity_n[fast]
     if not len(time_ns) or time_ns[-1] - time_ns[0] < LEAST_S * SECOND:
@@ -96,3 +97,14 @@ def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> LevelBias | None:
     leans = np.arctan(rate * float(speed[fast].mean()) / STANDARD_GRAVITY)
     sigma = float(np.linalg.norm([LEVEL_SIGMA, sigma, rate * (1.0 - np.cos(leans))]))
     return LevelBias(across + slope * up, sigma, up)
+
+
+def _for_long(fast: BoolArray, time_ns: IntArray) -> BoolArray:
+    """Those that are fast, for `MOVING_S` or longer."""
+    edges = np.diff(fast.astype(np.int8), prepend=0, append=0)
+    begin, end = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    long = time_ns[end - 1] - time_ns[begin] >= MOVING_S * SECOND
+    kept = np.zeros(len(fast) + 1, np.int8)
+    kept[begin[long]] += 1
+    kept[end[long]] -= 1
+    return np.cumsum(kept[:-1]) > 0

@@ -1,0 +1,53 @@
+"""The gyro bias of a vehicle that goes where it points, by its course."""
+
+import numpy as np
+import pytest
+
+from sinstool.core.streams import Imu
+from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
+from sinstool.methods.alignment.inflight_types import GnssFixes
+from sinstool.methods.alignment.level_bias import level_bias
+
+BIAS = np.array([0.4, -0.3, 0.8]) * DEGREE
+RATE, FIXES = 50.0, 5.0
+
+
+def log(speed, heading, random):
+    """Samples and fixes of 120 s, speed and heading (rad) being functions of time; FRD."""
+    time = np.arange(1, 120 * RATE + 1) / RATE
+    turns = np.gradient(heading(time), time)
+    gyro = BIAS + np.column_stack([0.0 * time, 0.0 * time, turns])
+    gyro += 2e-3 * random.standard_normal(gyro.shape)
+    accel = np.tile([0.0, 0.0, -STANDARD_GRAVITY], (len(time), 1))
+    imu = Imu.of(np.round(time * SECOND).astype(np.int64), gyro, accel)
+    at = np.arange(1, 120 * FIXES + 1) / FIXES
+    course = np.column_stack([np.cos(heading(at)), np.sin(heading(at)), 0.0 * at])
+    velocity = speed(at)[:, None] * course + 0.05 * random.standard_normal((len(at), 3))
+    nowhere = np.full(len(at), np.nan)
+    fixes = GnssFixes(np.round(at * SECOND).astype(np.int64), nowhere, nowhere, nowhere, velocity)
+    return imu, fixes
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_fixes_that_seem_fast_for_a_moment_show_no_course(seed):
+    """Velocities from noisy fixes: 1 s of 2.6 m/s backwards, 75 s before the vehicle sets off."""
+    random = np.random.default_rng(seed)
+    swing, period = random.uniform(0.1, 0.3), random.uniform(4.0, 8.0)
+
+    def heading(t):
+        return swing * np.sin(t / period)
+
+    imu, fixes = log(lambda t: np.where(t > 75.0, 4.0, 0.1), heading, random)
+    fixes.velocity_n[:5, :2] = [-2.0, random.uniform(-1.7, 1.7)]
+    level = level_bias(imu, fixes, 0)
+    assert level is not None
+    assert abs((level.bias - BIAS) @ level.up) < 3.0 * level.sigma
+    assert np.allclose((level.bias - BIAS)[:2], 0.0, atol=0.05 * DEGREE)
+
+
+def test_a_vehicle_that_is_never_fast_for_long_shows_none():
+    """Of 12 s it stands for ten."""
+    random = np.random.default_rng(1)
+    imu, fixes = log(lambda t: np.where(t % 12.0 < 2.0, 5.0, 0.0), lambda t: 0.0 * t, random)
+    assert level_bias(imu, fixes, 0) is None
