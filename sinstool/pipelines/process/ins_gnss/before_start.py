@@ -43,6 +43,8 @@ MAX_NS = 300 * SECOND
 MOST_WITHOUT = 0.5
 # What is carried back for no longer than this is as good as the start.
 BRIEF_NS = SECOND
+# Where a log has fixes, a solution less certain than this, m, is of no use.
+USELESS_M = 100.0
 
 
 def corrected_start(
@@ -154,35 +156,45 @@ def before_start(
     )
 
 
-def before_start_finding(survey: Survey, start: FilterStart, first_ns: int) -> Finding:
+def before_start_finding(survey: Survey, start: FilterStart, earliest: Solution | None) -> Finding:
     """What a solution contains of the time before a filter's start.
 
     Parameters
     ----------
     start : FilterStart
         Behind the log's first sample.
-    first_ns : int
-        Time of the first solution.
+    earliest : Solution or None
+        The first solution, if any is carried back.
 
     Returns
     -------
     Finding
-        Lost if most of the log from its first fix on has no solution; a note where no more than a
-        second is carried back.
+        Lost if most of the log from its first fix on has no solution, or if one that is carried
+        back is of no use beside the fixes there; a note where no more than a second is carried
+        back.
     """
-    begin_ns = survey.first_ns
+    begin_ns, first_ns = survey.first_ns, start.time_ns
+    if earliest is not None:
+        first_ns = int(earliest.time_ns[0])
     text = before_start_text((first_ns - begin_ns) / SECOND, (start.time_ns - begin_ns) / SECOND)
     fixes = start.used.time_ns[start.used.has_position]
     from_ns = max(begin_ns, int(fixes[0])) if len(fixes) else begin_ns
+    answer = "give the first attitude with --align fixed --initial-attitude ROLL,PITCH,HEADING"
     if first_ns - from_ns > MOST_WITHOUT * (survey.last_ns - from_ns):
-        return Finding(
-            "before-start",
-            text,
-            Severity.LOST,
-            "give the first attitude with --align fixed --initial-attitude ROLL,PITCH,HEADING",
-            start_ns=begin_ns,
-            end_ns=first_ns,
-        )
+        span_ns = begin_ns, first_ns
+        return Finding("before-start", text, Severity.LOST, answer, "", *span_ns)
+    if earliest is not None and earliest.covariance_position_n is not None:
+        variance = np.diag(earliest.covariance_position_n[0])[:2]
+        sigma = float(np.sqrt(variance.max()))
+        unused = int(np.count_nonzero((fixes >= first_ns) & (fixes < start.time_ns - BRIEF_NS)))
+        if unused and sigma > USELESS_M:
+            text += (
+                f"; fixes there ({unused}) are not used, and positions are uncertain by up to"
+                f" {sigma:.0f} m (1 sigma)"
+            )
+            numbers = {"position_m": sigma, "fixes": float(unused)}
+            span_ns = first_ns, start.time_ns
+            return Finding("before-start", text, Severity.LOST, answer, "", *span_ns, numbers)
     brief = start.time_ns - begin_ns < BRIEF_NS and first_ns <= begin_ns
     return Finding("before-start", text, Severity.NOTE if brief else Severity.WARNING)
 

@@ -129,7 +129,7 @@ class FilterRun(Mode):
         )
         self._detailed = False
         self._updates = 0
-        self._first_ns = start.time_ns
+        self._earliest: Solution | None = None
         self._gnss: list[GnssDiagnostics] = []
         self._unwritten: list[GnssDiagnostics] = []
         self._biases: list[tuple[int, np.ndarray, np.ndarray]] = []
@@ -293,7 +293,7 @@ class FilterRun(Mode):
             stretch.source, self.config, self.plan.algorithm, stretch.start, start, rests
         )
         if stretch.gap is None:
-            self._first_ns = stretch.start.time_ns if earlier is None else int(earlier.time_ns[0])
+            self._earliest = None if earlier is None else earlier.rows(slice(0, 1))
         return earlier
 
     def _run(
@@ -482,7 +482,7 @@ class FilterRun(Mode):
         findings += self._shown
         findings += settings_used.notes(p, s, self.config, self._offsets_error)
         if p.time_ns > first_ns:
-            findings.append(before_start_finding(self.source.survey, p, self._first_ns))
+            findings.append(before_start_finding(self.source.survey, p, self._earliest))
         vehicle, used = vehicle_of(self._stretches)
         findings += vehicle.findings(used)
         findings += [*self._diagnosis(), *contradictions(p, self.source.findings)]

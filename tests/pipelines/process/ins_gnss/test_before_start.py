@@ -57,7 +57,7 @@ def test_most_of_a_log_without_a_solution_is_lost(first_fix_s, solution_s, lost)
     used = SimpleNamespace(time_ns=fixes, has_position=np.array([False, True, True]))
     start = SimpleNamespace(time_ns=int(solution_s * 1e9), used=used)
     survey = SimpleNamespace(first_ns=0, last_ns=100_000_000_000)
-    finding = before_start_finding(survey, start, int(solution_s * 1e9))
+    finding = before_start_finding(survey, start, None)
     assert finding.severity == (Severity.LOST if lost else Severity.WARNING)
     assert finding.kind == "before-start" and finding.text.endswith("have no solution")
 
@@ -67,7 +67,27 @@ def test_a_moment_that_is_carried_back_is_no_reason_to_warn(start_s, severity):
     used = SimpleNamespace(time_ns=np.array([0, 99e9]), has_position=np.array([True, True]))
     start = SimpleNamespace(time_ns=round(start_s * 1e9), used=used)
     survey = SimpleNamespace(first_ns=0, last_ns=100_000_000_000)
-    assert before_start_finding(survey, start, 0).severity == severity
+    earliest = SimpleNamespace(time_ns=np.array([0]), covariance_position_n=None)
+    assert before_start_finding(survey, start, earliest).severity == severity
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "fix_s", "lost"),
+    [(90.0, 5.0, False), (110.0, 5.0, True), (9000.0, 5.0, True), (9000.0, 39.5, False)],
+)
+def test_what_is_carried_back_beside_fixes_that_are_much_better_is_lost(sigma_m, fix_s, lost):
+    """280 of 367 s of a log were up to 9 km off, where it has fixes, and only a warning said so."""
+    used = SimpleNamespace(time_ns=np.array([fix_s, 99.0]) * 1e9, has_position=np.array([True] * 2))
+    start = SimpleNamespace(time_ns=40_000_000_000, used=used)
+    survey = SimpleNamespace(first_ns=0, last_ns=100_000_000_000)
+    covariance = np.diag([sigma_m, 3.0, 2e4])[None] ** 2
+    earliest = SimpleNamespace(time_ns=np.array([0]), covariance_position_n=covariance)
+    finding = before_start_finding(survey, start, earliest)
+    assert finding.severity == (Severity.LOST if lost else Severity.WARNING)
+    assert ("fixes there (1) are not used" in finding.text) == lost
+    if lost:
+        assert (finding.start_ns, finding.end_ns) == (0, start.time_ns)
+        assert finding.numbers["position_m"] == pytest.approx(sigma_m)
 
 
 @pytest.mark.slow
