@@ -26,6 +26,10 @@ LEAST_WINDOWS = 20
 # A body that turns faster, rad/s, over this time, s, does not stand: ten sigmas of what a rest
 # allows.
 TURNS, TURNING_NS = 10.0 * REST_RATE, 1_000_000_000
+# A rest is an even turn if the gyros show another rate about the vertical than at the nearest
+# longer rest, and about other axes no more than this share of it. The bias of a chip that warms up
+# changes slowly, and about all axes.
+OTHER_RATE, OTHER_AXES = 3.0 * REST_RATE, 0.3
 # The threshold is the geometric mean of these quantiles, of standing and of moving windows.
 STANDING_QUANTILE, MOVING_QUANTILE = 0.9, 0.01
 # Least ratio of these two quantiles with which there is a threshold.
@@ -135,9 +139,34 @@ def find_rests(means: Means, track: Track) -> Rests:
     quiet &= ~(shown & (speed > STANDS + 3.0 * sigma))
     rest = ~within(~quiet, CUT_BEGIN, half + CUT_END)
     rest &= ~_near_ends(len(rest), quiet)
+    even = _turn_evenly(means, rest)
+    rest &= ~even
+    stands &= ~even
     stands &= rest | _shakes(means, rest)
     gyro, accel = thresholds.tolist()
     return Rests(rest, rest & shown, stands, gyro, accel, reason)
+
+
+def _turn_evenly(means: Means, rest: BoolArray) -> BoolArray:
+    """Which rests are even turns of a vehicle that stands, slower than a track shows them."""
+    edges = np.diff(rest.astype(np.int8), prepend=0, append=0)
+    begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
+    turns = np.zeros(len(rest), bool)
+    kept: list[tuple[float, FloatArray]] = []
+    for k in np.argsort(begins - ends, kind="stable"):
+        span = slice(begins[k], ends[k])
+        rate, force = means.rate[span].mean(axis=0), means.force[span].mean(axis=0)
+        middle = 0.5 * float(begins[k] + ends[k])
+        if kept:
+            off = rate - min(kept, key=lambda one: abs(one[0] - middle))[1]
+            up = force / np.linalg.norm(force)
+            about = abs(float(off @ up))
+            across = float(np.linalg.norm(off - (off @ up) * up))
+            if about > OTHER_RATE and across < OTHER_AXES * about:
+                turns[span] = True
+                continue
+        kept.append((middle, rate))
+    return turns
 
 
 def _shakes(means: Means, rest: BoolArray) -> BoolArray:

@@ -75,6 +75,30 @@ def test_what_turns_on_the_spot_does_not_rest(rate):
     assert find_rests(means, track).at[speed == 0.0].mean() > 0.7
 
 
+@pytest.mark.parametrize("rate", [0.004, -0.006])
+def test_one_rest_that_turns_slowly_and_evenly_is_none(rate):
+    """Less than a track shows: a robot's 0.35 deg/s became its bias, and its heading was lost."""
+    means, track, speed = a_drive(idle=1e-3)
+    minute = np.arange(len(speed)) * STEP // 60.0
+    turns = (speed == 0.0) & (minute == 3.0) & (np.arange(len(speed)) * STEP % 60.0 < 55.0)
+    # What the gyros and the vertical are does not matter
+    tilted = Rotation.from_euler("xy", [0.3, -0.2]).as_matrix()
+    means.rate[:] = (means.rate + turns[:, None] * [0.0, 0.0, rate]) @ tilted + [0.02, 0.01, -0.03]
+    means.force[:] = means.force @ tilted
+    rests = find_rests(means, track)
+    assert not (rests.at & turns).any()
+    assert rests.at[(speed == 0.0) & (minute != 3.0)].mean() > 0.7
+
+
+def test_biases_of_a_chip_that_warms_up_are_no_turns():
+    """Slowly, about the vertical; or at once, about every axis."""
+    for change in ([0.0, 0.0, 0.01], [0.004, -0.002, 0.005]):
+        means, track, speed = a_drive(idle=1e-3)
+        t = np.linspace(0.0, 1.0, len(speed))[:, None]
+        means.rate[:] += (t if change[0] == 0.0 else np.round(t)) * change
+        assert find_rests(means, track).at[speed == 0.0].mean() > 0.7
+
+
 def test_fixes_that_move_overrule_a_smooth_road():
     means, track, speed = a_drive()
     smooth = means.rate.copy(), means.force.copy()
