@@ -21,7 +21,7 @@ from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
 from sinstool.survey.imu import CONFLICTING, Survey
-from sinstool.survey.stuck_axes import StuckAxis
+from sinstool.survey.stuck_axes import longest
 from sinstool.survey.two_sensors import finding as of_two_sensors
 from sinstool.survey.unit_evidence import (
     GRAVITY_SIZES,
@@ -50,8 +50,6 @@ SLOW_DEG_S = 3.0
 MOVING = 0.01
 # Least range of gyros, deg/s; usual ones have 125 and more.
 SMALLEST_RANGE_DEG_S = 70.0
-# Stuck axes that are named.
-MOST_STUCK = 3
 # Relative difference of --imu-rate from the rate of the stamps that is reported.
 OTHER_RATE = 0.05
 
@@ -404,7 +402,7 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if out is not None and out.stuck:
         yield Finding(
             "axis-hangs",
-            f"axes repeat one value while others measure on: {_stuck_axes(out.stuck)};"
+            f"axes repeat one value while others measure on: {longest(out.stuck)};"
             " all samples meanwhile were left out",
             numbers={"samples": sum({one.last_ns: one.count for one in out.stuck}.values())},
         )
@@ -453,13 +451,6 @@ def _axes(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f" {options.body_axes}",
             answer=f"add --body-axes {other} if the name is right about the axes",
         )
-
-
-def _stuck_axes(stuck: tuple[StuckAxis, ...]) -> str:
-    """The longest of them, in words."""
-    named = sorted(stuck, key=lambda one: one.second_ns - one.last_ns)
-    more = f", and {len(stuck) - MOST_STUCK} more" if len(stuck) > MOST_STUCK else ""
-    return ", ".join(str(one) for one in named[:MOST_STUCK]) + more
 
 
 def _without_noise(s: Survey) -> int:

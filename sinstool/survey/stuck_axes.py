@@ -11,7 +11,7 @@ two axes show meanwhile. What shakes a sensor, or noise of its own, leaves no ax
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,8 +24,8 @@ AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis
 # in 6 of 10 cases, and so many never do. An axis may be quieter than the others beside what is
 # usual, so more noise than that has to be expected, in steps.
 LEAST_ALIKE, IN_STEPS = 50, 2.0
-# More are not listed.
-MOST = 5_000
+# More are not listed, and fewer are named.
+MOST, NAMED = 5_000, 3
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,13 @@ class StuckAxis:
 
     def __str__(self) -> str:
         return f"{AXES[self.axis]} for {(self.last_ns - self.second_ns) * 1e-9:.2g} s"
+
+
+def longest(stuck: Sequence[StuckAxis]) -> str:
+    """The longest of them, in words."""
+    named = sorted(stuck, key=lambda one: one.second_ns - one.last_ns)
+    more = f", and {len(stuck) - NAMED} more" if len(stuck) > NAMED else ""
+    return ", ".join(str(one) for one in named[:NAMED]) + more
 
 
 class AxisRuns:

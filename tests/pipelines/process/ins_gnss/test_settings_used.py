@@ -1,11 +1,16 @@
-"""What a user is told about settings that the filter took from the log."""
+"""What a run says of the settings that it used."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from sinstool.config import ProcessConfig
+from sinstool.core.finding import Finding
 from sinstool.core.units import DEGREE
-from sinstool.pipelines.process.ins_gnss.settings_used import heading_open
+from sinstool.pipelines.process.ins_gnss.settings_used import about_options, heading_open
 
+GIVEN = SimpleNamespace(latency_status="given")
 # An aircraft that circles at 16 m/s, 20 deg/s: late fixes turn its heading by the rate, an antenna
 # ahead of the IMU by rate over speed.
 RATE, SPEED = 20.0 * DEGREE, 16.0
@@ -48,3 +53,16 @@ def test_nothing_is_said_where_other_errors_are_larger_or_all_are_small():
     arm = np.diag([0.0, 1.0, 1.0, 1.0])
     assert not told(arm, before=2.0 * DEGREE)[0]
     assert not told(1e-3 * arm, before=0.0)[0]
+
+
+@pytest.mark.parametrize(
+    ("kind", "scale", "more"),
+    [("imu-noise", 0.5, True), ("imu-noise", 1.0, False), ("latency", 0.5, False)],
+)
+def test_a_noisy_imu_may_be_fixes_that_were_trusted_too_far(kind, scale, more):
+    config = ProcessConfig(filter={"gnss_noise_scale": scale})
+    (finding,) = about_options(
+        [Finding(kind, "text", answer="choose another grade")], GIVEN, config
+    )
+    assert ("--gnss-noise-scale is too small" in finding.answer) == more
+    assert finding.answer.startswith("choose another grade")
