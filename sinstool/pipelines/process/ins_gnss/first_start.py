@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -26,9 +27,10 @@ from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart, StartF
 from sinstool.pipelines.process.ins_gnss.receiver import gnss_model, inflate_sigmas
 from sinstool.pipelines.process.ins_gnss.timing import significant_lag
 from sinstool.survey.grade import ImuGrade, sensor_grade, to_align_as
+from sinstool.survey.rough_latency import rough_latency
 from sinstool.survey.source import Source
 
-# Latencies, s, tried in this order until one gives a start.
+# Latencies, s, tried in this order until one gives a start, and after them a rough estimate.
 FIRST_LATENCIES = (0.0, 0.15, -0.15)
 
 
@@ -209,14 +211,13 @@ def as_graded(
 def _first_latency(
     source: Source, config: ProcessConfig, settings: Settings, fixes: StartFixes
 ) -> tuple[float, FoundStart]:
-    """The configured latency, or the first of `FIRST_LATENCIES` with a start; and that start.
+    """The configured latency, or the first one with a start; and that start.
 
     In rough air no attitude fits velocities that are late by a fifth of a second. An attitude that
     fits but is too uncertain would be as uncertain with another latency.
     """
-    by_option = config.gnss.gnss_latency
     refused: AlignmentError | None = None
-    for latency in FIRST_LATENCIES if by_option is None else (by_option,):
+    for latency in _latencies(source, config):
         try:
             timed = replace(settings, gnss_latency=latency)
             return latency, find_start(source, config, timed, fixes)
@@ -229,6 +230,17 @@ def _first_latency(
         raise refused
     finally:
         del refused  # it refers to this frame, which refers to it
+
+
+def _latencies(source: Source, config: ProcessConfig) -> Iterator[float]:
+    """The configured latency, or those to try, s."""
+    if config.gnss.gnss_latency is not None:
+        yield config.gnss.gnss_latency
+        return
+    yield from FIRST_LATENCIES
+    rough = rough_latency(source.survey.windows, source.aiding.gnss)
+    if rough is not None:
+        yield rough
 
 
 def _withheld(time_ns: np.ndarray, config: ProcessConfig, first_ns: int) -> np.ndarray:

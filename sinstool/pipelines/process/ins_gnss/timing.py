@@ -10,7 +10,7 @@ then the mean of both: positions are valid at ``stamp - latency + lag/2`` and ve
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import pairwise
 
@@ -41,6 +41,7 @@ from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, WhiteNoise
 from sinstool.survey.increments import first_increments
 from sinstool.survey.rest import rest_end
+from sinstool.survey.rough_latency import rough_latency
 from sinstool.survey.source import Source
 
 # The first part of a log, from which latency and lever arm are estimated, up to a gap.
@@ -67,6 +68,9 @@ NEARER = 0.005 * np.arange(-3, 4)
 # A lag is used if it is more than this, s, and more than so many of its sigmas.
 LEAST_LAG_S = 0.02
 LAG_SIGMAS = 6.0
+# The estimate begins with a rough latency that explains the fixes better and differs from the one
+# assumed by more than this, s; nearer ones it finds by itself.
+FAR_S = 0.4
 # Noise of fixes, m and m/s, with which positions at wrong times hardly change the biases.
 LOOSE_POSITION = (5.0, 5.0, 8.0)
 LOOSE_VELOCITY = (0.3, 0.3, 0.5)
@@ -75,6 +79,65 @@ LOOSE_VELOCITY = (0.3, 0.3, 0.5)
 ARM_AGREES, ARM_ROUNDS, ARM_GAIN = 1.0, 4, 16.0
 # Fewest epochs that show the white noise of fixes.
 LEAST_EPOCHS = 40
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """Latencies, s, and the estimates about them, in the order in which they were made.
+
+    Attributes
+    ----------
+    made, tried : list
+        All, and those without a gate, which rejects the fixes that contradict a latency.
+    """
+
+    made: list[tuple[float, ReceiverOffsets]] = field(default_factory=list)
+    tried: list[tuple[float, ReceiverOffsets]] = field(default_factory=list)
+
+    @property
+    def misfit(self) -> float:
+        """That which the last one without a gate leaves; infinite without any."""
+        return self.tried[-1][1].misfit if self.tried else np.inf
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the estimates may have led to a wrong latency."""
+        if not self.tried:
+            return False
+        last = self.tried[-1][1]
+        if last.misfit > MISFIT or (last.given and last.arm_contradicts):
+            return True
+        for (before, shown), (latency, follows) in pairwise(self.tried):
+            change = follows.latency_s - shown.latency_s
+            slope = change / (latency - before) if latency != before else 0.0
+            jumped = abs(change) > JUMPED * max(shown.sigma_s, follows.sigma_s)
+            if jumped and not BACK < slope < FURTHER:
+                return True
+        return False
+
+    @property
+    def followed_assumption(self) -> bool:
+        """Whether estimates followed the latencies about which they were made.
+
+        A gate that rejects the fixes that contradict a wrong latency confirms any latency: each
+        estimate is near the latency used, and no two successive ones differ by much.
+        """
+        if len(self.made) < 2:
+            return False
+        (first, shown), (last, follows) = self.made[0], self.made[-1]
+        change, way = follows.latency_s - shown.latency_s, last - first
+        far = abs(change) > JUMPED * max(shown.sigma_s, follows.sigma_s)
+        return far and change * way > ALONG * way**2
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """What :func:`settle` returns, and the estimates that led there."""
+
+    used: float
+    offsets: ReceiverOffsets | None
+    agrees: bool
+    found: Estimates
 
 
 def significant_lag(gnss: GnssEpochs) -> float:
@@ -110,10 +173,7 @@ def with_offsets(
             begun[latency] = begin(latency, None)
         return begun[latency]
 
-    # Without a gate, which would reject the fixes that contradict a latency
-    tried: list[tuple[float, ReceiverOffsets]] = []
-    # With and without
-    made: list[tuple[float, ReceiverOffsets]] = []
+    found = Estimates()
 
     def evaluate(latency: float, arm_b: np.ndarray | None, gated: bool) -> ReceiverOffsets | None:
         try:
@@ -129,43 +189,54 @@ def with_offsets(
         assumed_b, given = stated_b or np.zeros(3), stated_b is not None
         shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b, given)
         if shown is not None:
-            made.append((latency, shown))
+            found.made.append((latency, shown))
             if not gated:
-                tried.append((latency, shown))
+                found.tried.append((latency, shown))
         return shown
 
-    def no_better(latency: float) -> bool:
-        """Whether the latency settled on explains the fixes no better than the one assumed.
+    def settled(latency: float) -> _Settled:
+        nonlocal found
+        found = Estimates()
+        return _Settled(*settle(evaluate, latency), found)
+
+    def square(latency: float) -> float:
+        """How well a latency explains the fixes, with its own start: mean normalised square.
 
         A start with a wrong latency may have an attitude that makes any other latency less likely,
-        so each has its own start. Fixes at a wrong time look noisy, so both have the noise of the
-        first.
+        so each has its own start. Fixes at a wrong time look noisy, so all have the noise of the
+        first. Infinite without a start.
         """
-        if not tried or tried[-1][1].square <= at_first:
-            return False
         try:
             start = begun_at(latency)
         except AlignmentError:
-            return True
+            return np.inf
         settings = replace(start.settings, gnss=first.settings.gnss)
         start = replace(start, gnss=first.gnss, settings=settings)
         shown = _with_same_start(source, config, algorithm, start)(latency, None)
-        return shown is None or shown.square > at_first
+        return np.inf if shown is None else shown.square
 
-    used, offsets, agrees = settle(evaluate, assumed)
-    at_first = tried[0][1].square if tried else 0.0
-    if _doubtful(tried) or _followed_assumption(made):
-        least = tried[-1][1].misfit
-        tried.clear()
-        other = settle(evaluate, _likeliest_latency(source, config, algorithm, first))
-        if tried and tried[-1][1].misfit < least:
-            used, offsets, agrees = other
-    if offsets is not None and abs(used - assumed) > LEAST_S and no_better(used):
-        same = _with_same_start(source, config, algorithm, first)
-        likelier = likeliest(same, (assumed, used), offsets.arm_elsewhere_b)
-        if likelier is not None:
-            used, offsets = likelier
-            agrees = offsets.observable
+    begins, at_first = assumed, None
+    rough = rough_latency(source.survey.windows, source.aiding.gnss)
+    if rough is not None and abs(rough - assumed) > FAR_S:
+        at_first = square(assumed)
+        begins = rough if square(rough) < at_first else assumed
+    best = settled(begins)
+    if at_first is None:
+        at_first = best.found.tried[0][1].square if best.found.tried else 0.0
+    if best.found.doubtful or best.found.followed_assumption:
+        other = settled(_likeliest_latency(source, config, algorithm, first))
+        if other.found.tried and other.found.misfit < best.found.misfit:
+            best = other
+    used, offsets, agrees = best.used, best.offsets, best.agrees
+    if offsets is not None and abs(used - assumed) > LEAST_S:
+        worse = best.found.tried and best.found.tried[-1][1].square > at_first
+        # The latency settled on may explain the fixes no better than the one assumed
+        if worse and square(used) > at_first:
+            same = _with_same_start(source, config, algorithm, first)
+            likelier = likeliest(same, (assumed, used), offsets.arm_elsewhere_b)
+            if likelier is not None:
+                used, offsets = likelier
+                agrees = offsets.observable
     start, status = first, "not observable"
     if config.gnss.gnss_latency is not None:
         status = "given"
@@ -230,36 +301,6 @@ def _with_arm(
         latency_status=start.latency_status,
         arm_status="found",
     )
-
-
-def _doubtful(tried: list[tuple[float, ReceiverOffsets]]) -> bool:
-    """Whether estimates about these latencies, s, may have led to a wrong one."""
-    if not tried:
-        return False
-    last = tried[-1][1]
-    if last.misfit > MISFIT or (last.given and last.arm_contradicts):
-        return True
-    for (before, shown), (latency, follows) in pairwise(tried):
-        change = follows.latency_s - shown.latency_s
-        slope = change / (latency - before) if latency != before else 0.0
-        jumped = abs(change) > JUMPED * max(shown.sigma_s, follows.sigma_s)
-        if jumped and not BACK < slope < FURTHER:
-            return True
-    return False
-
-
-def _followed_assumption(made: list[tuple[float, ReceiverOffsets]]) -> bool:
-    """Whether estimates followed the latencies, s, about which they were made.
-
-    A gate that rejects the fixes that contradict a wrong latency confirms any latency: each
-    estimate is near the latency used, and no two successive ones differ by much.
-    """
-    if len(made) < 2:
-        return False
-    (first, shown), (last, follows) = made[0], made[-1]
-    change, way = follows.latency_s - shown.latency_s, last - first
-    far = abs(change) > JUMPED * max(shown.sigma_s, follows.sigma_s)
-    return far and change * way > ALONG * way**2
 
 
 def _with_same_start(

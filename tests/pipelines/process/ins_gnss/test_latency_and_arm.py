@@ -475,7 +475,7 @@ def test_an_antenna_on_a_vehicle_that_an_engine_shakes_is_where_it_is(tmp_path, 
 def test_estimates_that_go_where_they_are_led_are_doubted(estimates, along):
     """Each next to the latency before, as a gate had left out what contradicts: 0.2 s was true."""
     made = [(about, offsets_at(latency, 0.003)) for about, latency in estimates]
-    assert timing._followed_assumption(made) == along
+    assert timing.Estimates(made=made).followed_assumption == along
 
 
 @pytest.mark.parametrize(
@@ -490,9 +490,9 @@ def test_estimates_that_go_where_they_are_led_are_doubted(estimates, along):
 )
 def test_estimates_that_lead_nowhere_are_doubted(estimates, doubtful):
     tried = [(about, offsets_at(latency, 0.002)) for about, latency in estimates]
-    assert timing._doubtful(tried) == doubtful
+    assert timing.Estimates(tried=tried).doubtful == doubtful
     last = replace(tried[-1][1], misfit=5.0)
-    assert timing._doubtful([*tried, (last.latency_s, last)])
+    assert timing.Estimates(tried=[*tried, (last.latency_s, last)]).doubtful
 
 
 def test_a_filter_that_diverges_shows_no_offsets(tmp_path, road, monkeypatch):
