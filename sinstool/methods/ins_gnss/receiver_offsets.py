@@ -298,6 +298,7 @@ def settle(
     offsets = evaluate(used, None, gated)
     seen: list[tuple[float, float]] = []
     before: tuple[float, float] | None = None
+    converged = True
     for _ in range(_ROUNDS):
         if offsets is None or not offsets.observable:
             return used, offsets, False
@@ -321,9 +322,12 @@ def settle(
         if result is None:
             break
         used, offsets = following, result
+    else:
+        converged = False
     assert offsets is not None
     agrees = abs(offsets.latency_s - used) <= max(_APART_S, offsets.sigma_s)
-    if agrees and offsets.sigma_s > _TRIED_S:
+    # Estimates that still move by a little each time follow what is used, however small their sigma
+    if agrees and (offsets.sigma_s > _TRIED_S or not converged):
         wide = _WIDE * offsets.sigma_s
         if max(abs(used - latency) for latency, _ in seen) < wide:
             other = evaluate(used + 2.0 * wide, offsets.arm_elsewhere_b, gated)
