@@ -123,7 +123,7 @@ def test_what_a_barometer_says_of_its_noise(variance, sigma):
     baro, gnss, _ = streams()
     baro.variance[:] = variance
     aiding = AidingData(gnss=gnss, fix_topic="/fix", barometer=Barometer(baro, "/baro"))
-    source = SimpleNamespace(path="a.mcap", aiding=aiding)
+    source = SimpleNamespace(path="a.mcap", aiding=aiding, survey=survey_of())
     reference, warnings = height_reference(source, options(), 300.0)
     assert reference.sigma == pytest.approx(sigma, rel=0.1)
     assert not warnings
@@ -131,7 +131,12 @@ def test_what_a_barometer_says_of_its_noise(variance, sigma):
 
 def source_of(baro, gnss):
     aiding = AidingData(gnss=gnss, fix_topic="/fix", barometer=Barometer(baro, "/baro"))
-    return SimpleNamespace(path="a.mcap", aiding=aiding)
+    return SimpleNamespace(path="a.mcap", aiding=aiding, survey=survey_of())
+
+
+def survey_of(rests=()):
+    spans = tuple(SimpleNamespace(start_ns=T0 + a * 10**9, end_ns=T0 + b * 10**9) for a, b in rests)
+    return SimpleNamespace(first_ns=T0, spans=spans)
 
 
 def test_a_barometer_that_no_fix_falls_into_is_set_by_the_start():
