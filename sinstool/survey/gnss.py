@@ -15,7 +15,7 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.core.arrays import BoolArray, IntArray
 from sinstool.core.choices import log_choice
-from sinstool.core.english import counted_clause
+from sinstool.core.english import counted, counted_clause
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import SECOND
@@ -228,7 +228,7 @@ def _best_receiver(
     findings = list(best.findings)
     if len(receivers) > 1:
         shown = ", ".join(
-            f"{r.topic} ({0 if r.stream is None else len(r.stream)} fixes"
+            f"{r.topic} ({counted(0 if r.stream is None else len(r.stream), 'fix')}"
             + ("" if r.stream is None else f", about {usual_noise(r.stream):.2g} m")
             + ")"
             for r in receivers

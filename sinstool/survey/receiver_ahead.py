@@ -118,7 +118,7 @@ def receiver_ahead(windows: Windows, gnss: GnssEpochs | None) -> float | None:
 
 
 def _parts(
-    turns: Turns, times: IntArray, course: FloatArray, offsets: FloatArray
+    turns: Turns, times: IntArray, course: FloatArray, offsets: np.ndarray
 ) -> Iterator[float]:
     """Offset at which each part of the log fits best, s; infinite where it has too few courses."""
     turned = np.cumsum(np.abs(wrapped(np.diff(course, prepend=course[0]))))
