@@ -177,9 +177,7 @@ def test_single_velocities_of_no_vehicle_are_left_out(tmp_path, enu):
     velocity[7] = twist_message(TIMES[7], enu, 0.01)
     into = gnss(tmp_path, drive() + velocity)
     assert counted(into) == {"no-vehicle-velocity": 1}
-    assert str(into.findings[0]).startswith(
-        "topic /vel: 1 velocity is not finite or beyond 20000"
-    )
+    assert str(into.findings[0]).startswith("topic /vel: 1 velocity is not finite or beyond 20000")
     np.testing.assert_array_equal(np.flatnonzero(~into.gnss.has_velocity), [7])
 
 

@@ -336,7 +336,7 @@ def run(
                 for i in range(NAV_SIZE):
                     line[i] = m.nav[i]
             fades = 0.0
-            if model.has_network > 0.0:
+            if model.has_network > 0.0 and not m.keep:  # a smoother makes no step
                 fades = smooth_height(m.channel, now, 0.0)
                 line[HEIGHT] += fades
             line[layout.O_RATE] = rate_x

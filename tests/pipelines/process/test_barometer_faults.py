@@ -158,9 +158,15 @@ def test_a_sensor_that_hangs_for_seconds_is_no_jump(tmp_path, mode):
     assert "from 95.0 to 103.0 s" in said
 
 
+@pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_sigma_of_a_height_that_returns_to_the_barometer_includes_what_fades(tmp_path, seed):
-    """After a minute without fixes and barometer, the output leaves the coast slowly."""
+def test_the_sigma_of_a_height_that_returns_to_the_barometer_includes_what_fades(
+    tmp_path, seed, smooth
+):
+    """After a minute without fixes and barometer, the output leaves the coast slowly.
+
+    A smoother knows both sides, and makes no step that had to fade.
+    """
     f = flight_log(seed=seed)
     keep = (f.seconds < 100.0) | (f.seconds > 160.0)
     f.baro_ns, f.pressure = f.baro_ns[keep], f.pressure[keep]
@@ -169,7 +175,7 @@ def test_the_sigma_of_a_height_that_returns_to_the_barometer_includes_what_fades
     log = f.write(tmp_path / "log.mcap", imu=imu)
     options = f.options(
         navigation={"mode": "ins-gnss"},
-        filter={"withhold_gnss": ("95:161",), "gnss_noise_scale": 0.1},
+        filter={"withhold_gnss": ("95:161",), "gnss_noise_scale": 0.1, "smooth": smooth},
     )
     _, collected = run(log, tmp_path / "out.mcap", options)
     seconds = (collected.column("time_ns") - f.flight.time_ns[0]) * 1e-9
@@ -178,5 +184,23 @@ def test_the_sigma_of_a_height_that_returns_to_the_barometer_includes_what_fades
     )
     sigma = np.sqrt(collected.column("covariance_position_n")[:, 2, 2])
     after = (seconds > 163.0) & (seconds < 195.0)
-    assert np.abs(off[after]).max() > 3.0
+    assert smooth or np.abs(off[after]).max() > 3.0
     assert np.abs(off / sigma)[after].max() < 4.0
+
+
+@pytest.mark.parametrize("mode", ["attitude", "ins", "ins-gnss"])
+def test_a_barometer_that_lags_is_named(tmp_path, mode):
+    """Stamped on receipt, seconds late: heights were 10 m off in climbs, and nothing was said."""
+    f = flight_log()
+    vertical = {"height_damping": "baro"}
+    options = f.options(navigation={"mode": mode}, vertical=vertical)
+    sound, _ = run(f.write(tmp_path / "sound.mcap", grade="mems"), tmp_path / "a.mcap", options)
+    assert not any("barometer lags" in text for text in sound["warnings"])
+    f.baro_ns += 2 * 10**9
+    late = f.write(tmp_path / "late.mcap", grade="mems")
+    summary, _ = run(late, tmp_path / "b.mcap", options)
+    (text,) = [text for text in summary["warnings"] if "barometer lags" in text]
+    assert "2.0 s behind" in text and "--baro-lag 2.0" in text
+    options = f.options(navigation={"mode": mode}, vertical={**vertical, "baro_lag": 2.0})
+    told, _ = run(late, tmp_path / "c.mcap", options)
+    assert not any("barometer lags" in text for text in told["warnings"])
