@@ -3,7 +3,8 @@
 A coarse sensor without noise also repeats a value, while it rests or stays level. When it goes on,
 it does so by the step to the next value, while one that hung leaps. A sensor that hangs until the
 end of the log, or goes on at the height where it hung, is told by its noise alone, and only
-where that noise was seen at rest: what wind and motion add to it may cease.
+where that noise was seen at rest: what wind and motion add to it may cease. A value that lasts
+until the IMU no longer rests is right, though propellers may then make it leap.
 """
 
 from __future__ import annotations
@@ -57,7 +58,11 @@ def hung_rows(
     last = first + count - 1
     usual = float(quantile(count.astype(np.float64), USUAL_SHARE))
     lasted = (stamps[last] - stamps[first]) / SECOND
-    long = np.flatnonzero((count >= UNUSUAL * usual) & (lasted >= LEAST_S))
+    still = np.zeros(len(first), np.bool_)
+    rests, margin = list(rests), round(LEAST_S * SECOND)
+    for start, end in rests:
+        still |= (stamps[first] >= start - margin) & (np.abs(stamps[last] - end) <= margin)
+    long = np.flatnonzero((count >= UNUSUAL * usual) & (lasted >= LEAST_S) & ~still)
     if not len(long):
         return hung
     change = np.abs(np.diff(value[first]))

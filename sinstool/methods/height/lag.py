@@ -24,7 +24,7 @@ _SHORT, _LONG = 11, 201
 # Lags that are tried, in steps of the grid.
 _LAGS = np.arange(-10, 101)
 # Heights that are no further apart than this, s, are interpolated.
-_NEAR_S = 1.0
+_NEAR_S = 2.5
 # A change within a step is a jump if it is so many times the usual one, and larger than this, m.
 _JUMP_TIMES, _JUMP_M = 10.0, 5.0
 # Both must agree at the lag to this share of the variance, which is so much less than without one;

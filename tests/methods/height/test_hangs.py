@@ -73,6 +73,14 @@ def test_noise_of_motion_may_cease(seed):
     assert not hung_rows(ns(t), pressure, [(0, 10 * 10**9)]).any()
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_propellers_on_the_ground_are_no_leap(seed):
+    """Their pressure comes at once, after a rest of which a coarse sensor shows nothing."""
+    t, pressure = climbs(seed, noise=0.0, step=1.0, level=[(70.0, 100.0)])
+    pressure[t >= 99.0] += 60.0
+    assert not hung_rows(ns(t), pressure, [(0, 10 * 10**9), (70 * 10**9, 99 * 10**9)]).any()
+
+
 def test_a_driver_that_sends_each_value_again():
     t, pressure = climbs(1)
     pressure = np.repeat(pressure[::10], 10)[: len(t)]
