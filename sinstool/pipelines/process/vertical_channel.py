@@ -44,6 +44,8 @@ class Vertical:
             self._notes.append("the latitude is unknown; gravity at 45 deg is used for the height")
         start = source.position[2] or 0.0
         self.damping, notes = damping(source, config, latitude, start)
+        if source.position[2] is None:
+            start = self.damping.reference.first_height
         self._notes += notes
         self._beside = HeightBesideGnss(self.damping.reference, source.aiding.gnss)
         self._lag = HeightLag(self.damping.reference, config.vertical.baro_lag)

@@ -204,3 +204,15 @@ def test_a_barometer_that_lags_is_named(tmp_path, mode):
     options = f.options(navigation={"mode": mode}, vertical={**vertical, "baro_lag": 2.0})
     told, _ = run(late, tmp_path / "c.mcap", options)
     assert not any("barometer lags" in text for text in told["warnings"])
+
+
+def test_height_begins_where_the_barometer_is(tmp_path):
+    """Without fixes it began at 0 m, 1200 m off, until two samples agreed."""
+    f = flight_log()
+    f.baro_ns, f.pressure = f.baro_ns[::50], f.pressure[::50]  # one a second
+    vertical = {"height_damping": "baro", "qnh": 101325.0}
+    options = f.options(navigation={"mode": "attitude"}, vertical=vertical)
+    log = f.write(tmp_path / "log.mcap", gnss=False)
+    _, collected = run(log, tmp_path / "out.mcap", options)
+    off = collected.column("vertical")[:, 0] - f.flight.height
+    assert np.abs(off).max() < 3.0

@@ -11,7 +11,7 @@ from sinstool.config.load import build
 from sinstool.core.errors import ConfigurationError, DataError
 from sinstool.core.streams import Baro, GnssEpochs
 from sinstool.methods.height.layout import ChannelSummary, Event
-from sinstool.methods.height.reference import reference_from_gnss
+from sinstool.methods.height.reference import HeightReference, reference_from_gnss
 from sinstool.methods.height.standard_atmosphere import geopotential, pressure_at
 from sinstool.pipelines.process.height import (
     height_reference,
@@ -198,3 +198,13 @@ def test_a_gap_of_the_imu_is_no_fault_of_the_height_reference():
     silent = [Event("coast", 92.01, 0.0, 0.0), Event("re-engaged", 99.0, -3.1, 7.0)]
     assert "coasting" in height_warnings(channel(), [gap, *silent])[1]
     assert "coasting" in height_warnings(channel(), ends)[0]
+
+
+def test_the_first_height_is_that_of_the_first_second():
+    times = T0 + np.array([0, 5, 9, 40]) * 10**8
+    heights = np.array([np.nan, 120.0, 124.0, 500.0])
+    reason = np.array([1, 0, 0, 0])
+    reference = HeightReference("baro", "/altitude", times, heights, reason, 0.0, None)
+    assert reference.first_height == 122.0
+    none = replace(reference, reason=np.ones(4, np.int64))
+    assert none.first_height == 0.0
