@@ -15,6 +15,7 @@ from sinstool.cli.help import Command, Option
 from sinstool.cli.options import Words, config_options, effective_config, path_option, print_config
 from sinstool.config import ProcessConfig
 from sinstool.config.rig import CALIBRATION_OPTIONS
+from sinstool.core.english import counted
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.units import ARCSEC, DEGREE
 from sinstool.report.text.numbers import measured, places_of
@@ -105,7 +106,7 @@ def command(
     workers = None
     if batch.scheduler is not None or (batch.jobs or 1) > 1:
         workers = workers_of(batch, [path.absolute() for path in paths], len(paths))
-    with commit_together(), progress_bar(f"{len(paths)} logs", batch.quiet) as progress:
+    with commit_together(), progress_bar(counted(len(paths), "log"), batch.quiet) as progress:
         calibration = calibrate(paths, output, config, progress, workers)
         if emit_config is not None:
             write_rig(emit_config, calibration, config)
@@ -146,8 +147,7 @@ def _print(calibration: Calibration, output: Path, verbose: bool) -> None:
         places = places_of(file.sigma_lambda2_rad / ARCSEC)
         low, high = (f"{limit / ARCSEC:.{places}f}" for limit in file.ci95_lambda2_rad)
         interval = f", 95 % {low} to {high} arcsec"
-    logs = len(calibration.logs)
-    count = f"{logs} log" if logs == 1 else f"{logs} logs"
+    count = counted(len(calibration.logs), "log")
     rows = [
         ("runs", f"{len(used)} of {len(file.runs)} in use, from {count}, at"
                  f" {', '.join(f'{r:g}' for r in rates)} deg/s"),
@@ -174,8 +174,8 @@ def _print(calibration: Calibration, output: Path, verbose: bool) -> None:
             rows.append(
                 (
                     record.id,
-                    f"{record.rate_rad_s / DEGREE:+8.3f} deg/s, {record.n_turns} turns, heading"
-                    f" {record.psi_rad / DEGREE:.5f} deg, {note}",
+                    f"{record.rate_rad_s / DEGREE:+8.3f} deg/s, {counted(record.n_turns, 'turn')},"
+                    f" heading {record.psi_rad / DEGREE:.5f} deg, {note}",
                 )
             )
     rows.append(("status", file.status))

@@ -20,6 +20,7 @@ from urllib.parse import quote
 import numpy as np
 
 from sinstool.core import version
+from sinstool.core.english import counted
 from sinstool.core.errors import visible
 from sinstool.report import sections
 from sinstool.report.draw import (
@@ -226,7 +227,7 @@ def _table(table: sections.Table, key: str) -> str:
     )
     if not table.folded:
         return made
-    return f'<details class="kept"><summary>{len(rows)} rows</summary>{made}</details>'
+    return f'<details class="kept"><summary>{counted(len(rows), "row")}</summary>{made}</details>'
 
 
 def _without_empty_columns(table: sections.Table) -> sections.Table:

@@ -158,13 +158,18 @@ def _counted(kind: str, text: str, topic: str, count: int, severity: Severity = 
 
 
 def only(
-    stream: S, good: np.ndarray, topic: str, kind: str, what: str, severity: Severity = WARNING
+    stream: S,
+    good: np.ndarray,
+    topic: str,
+    kind: str,
+    what: tuple[str, str],
+    severity: Severity = WARNING,
 ) -> tuple[S | None, list[Finding]]:
-    """The good rows, None where there is none, and how many are not good."""
+    """The good rows, None where there is none, and what one that is not good is, or several."""
     bad = int(len(good) - np.count_nonzero(good))
     if not bad:
         return stream, []
-    finding = _counted(kind, f"topic {topic}: {bad} {what}", topic, bad, severity)
+    finding = _counted(kind, f"topic {topic}: {bad} {what[bad > 1]}", topic, bad, severity)
     return stream.rows(good) if good.any() else None, [finding]
 
 

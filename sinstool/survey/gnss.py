@@ -15,7 +15,7 @@ import numpy as np
 from sinstool.config import InputOptions
 from sinstool.core.arrays import BoolArray, IntArray
 from sinstool.core.choices import log_choice
-from sinstool.core.english import counted_clause
+from sinstool.core.english import counted, counted_clause
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
 from sinstool.core.timeline import SECOND
@@ -76,7 +76,7 @@ def read_gnss(
     if fixes is not None:
         check_range(log, receiver.topic, fixes)
         # a filter that starts at a damaged one would have to believe it
-        what = "fixes are not on Earth; left out"
+        what = ("fix is not on Earth; left out", "fixes are not on Earth; left out")
         fixes, more = only(fixes, fixes.on_earth, receiver.topic, "not-on-earth", what)
         findings += more
     candidates = [
@@ -92,13 +92,13 @@ def read_gnss(
     chosen, more = _believed_velocity(candidates, receiver.topic, named)
     findings += more
     velocity = chosen.stream
-    for what, one, number, name in (
+    for use, one, number, name in (
         ("gnss topic", receiver.topic, len(receivers), options.gnss_topic),
         ("velocity topic", chosen.topic, len(speeds), options.velocity_topic),
     ):
         if one and name is None:
             why = "the only one of its type" if number == 1 else "the best of its type"
-            log_choice(what, f"{one}, {why}")
+            log_choice(use, f"{one}, {why}")
     if fixes is not None and velocity is not None:
         velocity, more = _without_flat(fixes, velocity, chosen.topic)
         findings += more
@@ -106,7 +106,11 @@ def read_gnss(
         fixes, velocity, more = _without_stuck(fixes, velocity, receiver.topic)
         findings += more
     if fixes is not None and velocity is not None and not named:
-        what = "velocities repeat an earlier one, or are zero, though the fixes move on; left out"
+        moved = "though the fixes move on; left out"
+        what = (
+            f"velocity repeats an earlier one, or is zero, {moved}",
+            f"velocities repeat an earlier one, or are zero, {moved}",
+        )
         stale = stale_velocities(fixes, velocity)
         velocity, more = only(velocity, ~stale, chosen.topic, "stale-velocity", what)
         findings += more
@@ -164,8 +168,8 @@ def _fixes(
     no_fix_ns = again_ns = NEVER
     if fixes is not None:
         no_fix_ns = fixes.time_ns[~fixes.has_fix]
-        problem = ("no-fix", "messages hold no fix", Severity.NOTE)
-        fixes, more = only(fixes, fixes.has_fix, topic, *problem)
+        what = ("message holds no fix", "messages hold no fix")
+        fixes, more = only(fixes, fixes.has_fix, topic, "no-fix", what, Severity.NOTE)
         findings += more
         if fixes is None:
             text = f"topic {topic} holds no valid fix"
@@ -178,20 +182,20 @@ def _fixes(
         findings += more
         again, times = sent_again(fixes)
         again_ns = fixes.time_ns[again]
-        what = (
+        text = (
             f"fixes are earlier ones with new stamps, as the driver sends each {times:.2g} times;"
             " one of each is used"
         )
-        fixes, more = only(fixes, ~again, topic, "sent-again", what, Severity.NOTE)
+        fixes, more = only(fixes, ~again, topic, "sent-again", (text, text), Severity.NOTE)
         findings += more
     if fixes is not None:
         between, times = interpolated(fixes)
         again_ns = np.append(again_ns, fixes.time_ns[between])
-        what = (
+        text = (
             f"fixes lie on straight lines between every {times:.0f}th, which no measurements do:"
             " they were interpolated, and only those at the ends are used"
         )
-        fixes, more = only(fixes, ~between, topic, "interpolated-fixes", what)
+        fixes, more = only(fixes, ~between, topic, "interpolated-fixes", (text, text))
         findings += more
     return _Read(topic, fixes, tuple(findings), no_fix_ns=no_fix_ns, again_ns=again_ns)
 
@@ -228,7 +232,7 @@ def _best_receiver(
     findings = list(best.findings)
     if len(receivers) > 1:
         shown = ", ".join(
-            f"{r.topic} ({0 if r.stream is None else len(r.stream)} fixes"
+            f"{r.topic} ({counted(0 if r.stream is None else len(r.stream), 'fix')}"
             + ("" if r.stream is None else f", about {usual_noise(r.stream):.2g} m")
             + ")"
             for r in receivers
@@ -258,7 +262,8 @@ def _velocities(
     blocks = until(_stamped(read_velocity(log, channels, Losses()), options), until_ns)
     velocity, findings = in_order(blocks, log_time, topic)
     if velocity is not None:
-        what = f"velocities are not finite or beyond {FASTEST_M_S:.0f} m/s; left out"
+        beyond = f"not finite or beyond {FASTEST_M_S:.0f} m/s; left out"
+        what = (f"velocity is {beyond}", f"velocities are {beyond}")
         good = _of_vehicles(velocity.velocity_n)
         velocity, more = only(velocity, good, topic, "no-vehicle-velocity", what)
         findings += more
@@ -337,10 +342,11 @@ def _with_a_fix(
     repeats |= on_lines(velocity.time_ns, velocity.velocity_n[:, :2])
     none = _stamped_at(velocity, receiver.no_fix_ns)
     again = _stamped_at(velocity, receiver.again_ns) & repeats & ~none
-    what = "velocities are stamped as messages that hold no fix; left out"
+    stamped = "stamped as messages that hold no fix; left out"
+    what = (f"velocity is {stamped}", f"velocities are {stamped}")
     kept, findings = only(velocity, ~none, topic, "no-fix-velocity", what, Severity.NOTE)
     if kept is not None:
-        kept, _ = only(kept, ~again[~none], topic, "", "")  # told of their fixes
+        kept, _ = only(kept, ~again[~none], topic, "", ("", ""))  # told of their fixes
     return kept, findings
 
 

@@ -7,6 +7,8 @@ that difference is circular, so a vehicle may turn by any angle between two fixe
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from sinstool.config import InputOptions
@@ -38,7 +40,12 @@ BIAS = 0.01
 # The courses follow the gyro if their circular variance about it is below this, and an offset is
 # clear if the variance as stamped is so many times as large, and so are that of all offsets
 # elsewhere and that of the courses alone. Elsewhere is further off than this, s.
-FOLLOWS, BETTER, CLEARLY, ELSEWHERE_S = 0.1, 1.7, 2.0, 7.0
+FOLLOWS, BETTER, CLEARLY, ELSEWHERE_S = 0.1, 1.7, 3.0, 7.0
+# A few turns that have nothing to do with the gyro's fit some of them at one offset or another, but
+# hardly so much better than elsewhere. Where it is less, each of so many parts of the log, in which
+# the course turns equally far, must fit best at the same offset by itself, to so many s. It has so
+# many courses at least.
+BEYOND_CHANCE, PARTS, ALIKE_S, LEAST_OF_PART = 25.0, 3, 1.5, 5
 
 
 def two_clocks(text: str, ahead: float, options: InputOptions, topic: str) -> Finding:
@@ -95,7 +102,11 @@ def receiver_ahead(windows: Windows, gnss: GnssEpochs | None) -> float | None:
     before, least, after = (_variance(turns, times, course, offset) for offset in about)
     alone = _variance(None, times, course, 0.0)
     elsewhere = anywhere[np.abs(offsets - best) > ELSEWHERE_S].min()
-    if not least < FOLLOWS or min(alone, before, after, elsewhere) < CLEARLY * least:
+    other = min(alone, before, after, elsewhere)
+    if not least < FOLLOWS or other < CLEARLY * least:
+        return None
+    parts = () if other > BEYOND_CHANCE * least else _parts(turns, times, course, offsets)
+    if any(abs(part - best) > ALIKE_S for part in parts):
         return None
     if abs(best) < LEAST_S:
         return 0.0
@@ -106,8 +117,34 @@ def receiver_ahead(windows: Windows, gnss: GnssEpochs | None) -> float | None:
     return best + _vertex([_variance(turns, times, course, offset) for offset in beside])
 
 
-def _variance(turns: Turns | None, times: IntArray, course: FloatArray, offset: float) -> float:
+def _parts(
+    turns: Turns, times: IntArray, course: FloatArray, offsets: np.ndarray
+) -> Iterator[float]:
+    """Offset at which each part of the log fits best, s; infinite where it has too few courses."""
+    turned = np.cumsum(np.abs(wrapped(np.diff(course, prepend=course[0]))))
+    edges = np.searchsorted(turned, turned[-1] * np.arange(1, PARTS) / PARTS)
+    for rows in np.split(np.arange(len(times)), edges):
+        part = times[rows], course[rows]
+        if len(rows) < LEAST_OF_PART:
+            yield np.inf
+            continue
+        fits = [_variance(turns, *part, offset, LEAST_OF_PART) for offset in offsets]
+        yield float(offsets[np.argmin(fits)])
+
+
+def _variance(
+    turns: Turns | None,
+    times: IntArray,
+    course: FloatArray,
+    offset: float,
+    least: int = LEAST_COURSES,
+) -> float:
     """Circular variance of courses about the gyro's angle, or about a constant without turns.
+
+    Parameters
+    ----------
+    least : int
+        Fewest courses.
 
     Returns
     -------
@@ -132,7 +169,7 @@ def _variance(turns: Turns | None, times: IntArray, course: FloatArray, offset: 
     first = np.flatnonzero(np.diff(part, prepend=-1) | np.diff(gap, prepend=-1))
     count = np.diff(first, append=len(part))
     enough = count >= LEAST_TOGETHER
-    if count[enough].sum() < LEAST_COURSES:
+    if count[enough].sum() < least:
         return np.inf
     # The mean of n unit vectors of any directions is about 1/n of all of them long at least
     length = np.abs(np.add.reduceat(follows, first, axis=1))[:, enough]

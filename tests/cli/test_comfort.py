@@ -87,7 +87,7 @@ def test_others_explain_too(run, tmp_path):
     _, _, err = run("calibrate-hse", hse / "a-020.mcap", hse / "a-110.mcap", "--config",
                     hse / "rig-a.toml", "-o", tmp_path / "h.json", "-v")  # fmt: skip
     chosen = choices(err)
-    assert chosen["runs"] == ["6 stretches with whole turns, from 2 logs"]
+    assert chosen["runs"] == ["6 stretches have whole turns, in 2 logs"]
     assert chosen["method"] == ["joint, over 6 runs"]
     _, _, err = run("info", log, "-v")
     assert choices(err)["IMU topic"] == ["/imu/data_raw, the only one with an IMU (--imu-topic)"]

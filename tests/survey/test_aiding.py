@@ -162,7 +162,7 @@ def test_single_fixes_that_are_not_on_earth_are_left_out(tmp_path, place):
     messages[0] = fix_message(0, TIMES[0], *place)
     into = gnss(tmp_path, messages)
     assert counted(into) == {"not-on-earth": 1}
-    assert [str(f) for f in into.findings] == ["topic /fix: 1 fixes are not on Earth; left out"]
+    assert [str(f) for f in into.findings] == ["topic /fix: 1 fix is not on Earth; left out"]
     np.testing.assert_array_equal(into.gnss.time_ns, TIMES[1:])
     # nor do they hide that the others are radians
     messages = drive(scale=np.pi / 180.0)
@@ -177,9 +177,7 @@ def test_single_velocities_of_no_vehicle_are_left_out(tmp_path, enu):
     velocity[7] = twist_message(TIMES[7], enu, 0.01)
     into = gnss(tmp_path, drive() + velocity)
     assert counted(into) == {"no-vehicle-velocity": 1}
-    assert str(into.findings[0]).startswith(
-        "topic /vel: 1 velocities are not finite or beyond 20000"
-    )
+    assert str(into.findings[0]).startswith("topic /vel: 1 velocity is not finite or beyond 20000")
     np.testing.assert_array_equal(np.flatnonzero(~into.gnss.has_velocity), [7])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from sinstool.core.english import counted
 from sinstool.core.finding import Finding, Severity
 
 # Most lost parts of a log that are described one by one
@@ -86,7 +87,7 @@ class Lost:
             proof = ", proved by their CRC" if self.proved else ", unproved"
             where.append(f"{self.recovered}{of} messages kept{proof if self.recovered else ''}")
         elif self.declared is not None:
-            where.append(f"{self.declared} messages")
+            where.append(counted(self.declared, "message"))
         if self.start_ns is not None and self.end_ns is not None:
             where.append(f"log time {_seconds(self.start_ns)} to {_seconds(self.end_ns)} s")
         elif self.start_ns is not None:

@@ -17,6 +17,7 @@ from isal.isal_zlib import crc32
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
+from sinstool.core.english import counted
 from sinstool.core.errors import NotALogError
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.file import read_ahead
@@ -414,8 +415,8 @@ class McapLog(McapFile):
         declared = self.counts.get(channel, 0)
         if count != declared:
             what = (
-                f"topic {self.channels[channel].topic} has {count} messages, but the log's own"
-                f" count is {declared}"
+                f"topic {self.channels[channel].topic} has {counted(count, 'message')}, but the"
+                f" log's own count is {declared}"
             )
             self.note_lost(Lost(what, "count"))
 

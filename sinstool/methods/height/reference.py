@@ -15,6 +15,7 @@ import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
 from sinstool.core.order_statistics import median, quantile
+from sinstool.core.timeline import SECOND
 from sinstool.methods.height.layout import ACCEPTED
 from sinstool.methods.height.pressure import pressure_reason
 from sinstool.methods.height.standard_atmosphere import (
@@ -309,6 +310,15 @@ class HeightReference:
     reason: np.ndarray
     sigma: float
     baro: BaroReference | None
+
+    @property
+    def first_height(self) -> float:
+        """Median of the first second of usable heights, m; 0 if there is none."""
+        good = (self.reason == ACCEPTED) & np.isfinite(self.height)
+        times, heights = self.time_ns[good], self.height[good]
+        if not len(times):
+            return 0.0
+        return float(median(heights[times - times[0] <= SECOND]))
 
     @property
     def arrival_ns(self) -> np.ndarray:

@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.english import counted
 from sinstool.core.errors import AlignmentError
 from sinstool.core.parts import njit
 from sinstool.methods.hse.encoder import TableAngle
@@ -240,7 +241,7 @@ def _objection(part: Segment, piece: TableAngle, rules: SegmentRules, rest: bool
     steps = np.sign(part.rate) * np.diff(piece.alpha[part.first : part.stop + 1])
     back = int(np.count_nonzero(steps <= 0.0))
     if back:
-        return f"the encoder goes backwards or stands still {back} times"
+        return f"the encoder goes backwards or stands still {counted(back, 'time')}"
     return ""
 
 

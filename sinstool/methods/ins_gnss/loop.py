@@ -335,8 +335,10 @@ def run(
             else:
                 for i in range(NAV_SIZE):
                     line[i] = m.nav[i]
-            if model.has_network > 0.0:
-                line[HEIGHT] = smooth_height(m.channel, now, line[HEIGHT])
+            fades = 0.0
+            if model.has_network > 0.0 and not m.keep:  # a smoother makes no step
+                fades = smooth_height(m.channel, now, 0.0)
+                line[HEIGHT] += fades
             line[layout.O_RATE] = rate_x
             line[layout.O_RATE + 1] = rate_y
             line[layout.O_RATE + 2] = rate_z
@@ -364,6 +366,7 @@ def run(
                         # may be wrong
                         line[at + 4 * i] += m.rejected[b + i] ** 2
                 at += 9
+            line[layout.O_COVARIANCE + 8] += fades * fades
     counts[0] = fix_next
     counts[1] = baro_next
     counts[2] = first_fix

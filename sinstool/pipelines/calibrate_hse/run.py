@@ -19,6 +19,7 @@ from sinstool.config import CalibrationOptions, ProcessConfig
 from sinstool.core import version
 from sinstool.core.arrays import FloatArray
 from sinstool.core.choices import log_choice
+from sinstool.core.english import counted, counted_clause
 from sinstool.core.errors import AlignmentError, ConfigurationError, SinstoolError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.progress import Progress, share
@@ -115,7 +116,8 @@ def calibrate(
             f"runs are {', '.join(run.id for run in runs[:12])}{' ...' * (len(runs) > 12)}",
         )
     result = fit(runs, fit_options(options))
-    log_choice("runs", f"{len(runs)} stretches with whole turns, from {len(logs)} logs")
+    stretches = counted_clause(len(runs), "stretch", "has", "have")
+    log_choice("runs", f"{stretches} whole turns, in {counted(len(logs), 'log')}")
     log_choice("method", _method_why(options.method, result.method, len(runs)))
     judged = judge(result)
     created = datetime.now(UTC).isoformat(timespec="seconds")
@@ -166,7 +168,8 @@ def unused_rates(logs: Sequence[RigTurns]) -> Iterator[Finding]:
 def _method_why(option: str, used: str, runs: int) -> str:
     """Source of the coefficient."""
     if option == used:
-        return f"{used}, as specified" if option != "joint" else f"{used}, over {runs} runs"
+        over = "as specified" if option != "joint" else f"over {counted(runs, 'run')}"
+        return f"{used}, {over}"
     return f"{used}, as the runs do not determine {option}"
 
 

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from sinstool.core.english import counted_clause
 from sinstool.core.finding import Finding
 from sinstool.core.threads import executor
 from sinstool.methods.coning.increments import GyroKind
@@ -208,10 +209,9 @@ def compare(
                 exposures.append(exposure(spectrum, 1 / interval_s, m, thinning, settings.window_s))
     if len(usable) < len(segments):
         left = sum(len(s) for s in segments) - sum(len(s) for s in usable)
-        text = (
-            f"{len(segments) - len(usable)} stretches between gaps are too short to compare on:"
-            f" {left} samples are left out"
-        )
+        short = counted_clause(len(segments) - len(usable), "stretch", "is", "are")
+        text = f"{short} too short, between gaps, to compare on:"
+        text = f"{text} {counted_clause(left, 'sample', 'is', 'are')} left out"
         findings.append(Finding("short-stretches", text, numbers={"samples": left}))
     samples = sum(len(s) for s in usable)
     covered = sum(float(s.time_ns[-1] - s.time_ns[0]) for s in usable) / 1e9

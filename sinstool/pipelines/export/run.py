@@ -14,6 +14,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.config.logs import parse_time
 from sinstool.core.earth import local_position_n
+from sinstool.core.english import counted
 from sinstool.core.errors import ConfigurationError, SinstoolError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.progress import Progress, share
@@ -103,10 +104,10 @@ def export(
         exported = export_blocks(reader.blocks(), str(path), reader.reference, output, config)
         lost = log.account()
     if bad := reader.losses.malformed:
-        text = f"{path}: left out, as they do not fit their definition: {bad} messages"
+        text = f"{path}: left out, as they do not fit their definition: {counted(bad, 'message')}"
         findings.append(Finding("malformed", text, Severity.LOST))
     if bad := reader.losses.nonfinite:
-        text = f"{path}: left out, as they hold no attitude or no position: {bad} rows"
+        text = f"{path}: left out, as they hold no attitude or no position: {counted(bad, 'row')}"
         findings.append(Finding("not-finite", text, Severity.LOST))
     if progress:
         progress(1.0)

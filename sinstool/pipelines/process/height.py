@@ -8,11 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.choices import log_choice
+from sinstool.core.english import counted
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs
-from sinstool.methods.height.layout import ACCEPTED, REASONS, ChannelSummary, Event
+from sinstool.core.timeline import SECOND
+from sinstool.methods.height.hangs import hung_rows
+from sinstool.methods.height.layout import ACCEPTED, FROZEN, REASONS, ChannelSummary, Event
 from sinstool.methods.height.network import (
     SENSIBLE_TAU,
     HeightNetwork,
@@ -52,6 +56,8 @@ MOVED_M = 8.0
 # Rows before and after a jump whose medians show it, and the ratio to the usual change.
 JUMP_ROWS = 5
 JUMP_RATIO = 10.0
+# Times of a sensor that hangs that are listed.
+SHOWN_HANGS = 3
 # A reference that is good again so soon after a gap of the IMU, s, was good all the time.
 COAST_OF_GAP_S = 1.0
 # Why samples of a height reference are left out.
@@ -60,7 +66,6 @@ WORDS = {
     "out_of_range": "outside the range of air pressure",
     "stamp": "whose stamp repeats or goes back",
     "gate": "too far off",
-    "frozen": "of a sensor that hangs",
 }
 
 
@@ -140,10 +145,12 @@ def height_reference(
             " gnss, or off: height then runs away, its error doubling every 400 s",
         )
     if not isinstance(baro, Baro):
-        return _from_heights(source, baro), []
+        return _from_heights(source, baro)
     reason = pressure_reason(baro.pressure)
-    reference, warnings = _baro_reference(source, baro, config, start_height)
+    hung, hangs = _hung(source, baro.time_ns, baro.pressure, reason == ACCEPTED)
+    reference, warnings = _baro_reference(source, baro.rows(~hung), config, start_height)
     height = reference.height(baro.pressure)
+    reason[hung] = FROZEN
     good = reason == ACCEPTED
     variance = baro.variance[good]
     variance = np.where(variance < STANDARD_PRESSURE**2, variance, 0.0)  # NaN is not smaller either
@@ -159,8 +166,27 @@ def height_reference(
             float(median(positive)) if len(positive) else 0.0,
             reference,
         ),
-        warnings,
+        [*hangs, *warnings],
     )
+
+
+def _hung(
+    source: Source, time_ns: IntArray, values: FloatArray, good: BoolArray
+) -> tuple[BoolArray, list[str]]:
+    """Samples of a sensor that hangs, and a warning about them."""
+    rests = [(span.start_ns, span.end_ns) for span in source.survey.spans]
+    hung = hung_rows(time_ns, np.where(good, values, np.nan), rests)
+    if not hung.any():
+        return hung, []
+    edges = np.diff(hung.astype(np.int8), prepend=0, append=0)
+    # The sample before is the one that is repeated
+    begins, ends = time_ns[np.flatnonzero(edges > 0) - 1], time_ns[np.flatnonzero(edges < 0) - 1]
+    seconds = (np.stack([begins, ends], axis=1) - source.survey.first_ns) / SECOND
+    shown = [f"{begin:.1f} to {end:.1f} s" for begin, end in seconds[:SHOWN_HANGS].tolist()]
+    if len(seconds) > SHOWN_HANGS:
+        shown.append(f"{len(seconds) - SHOWN_HANGS} more times")
+    text = f"topic {source.aiding.barometer.topic} hangs, repeating one value, from"
+    return hung, [f"{text} {', '.join(shown)}: these samples are left out"]
 
 
 def _baro_reference(
@@ -280,14 +306,17 @@ def _medians(values: np.ndarray) -> np.ndarray:
     return np.asarray(median(windows, axis=1))
 
 
-def _from_heights(source: Source, stream: BaroHeight) -> HeightReference:
+def _from_heights(source: Source, stream: BaroHeight) -> tuple[HeightReference, list[str]]:
     """A topic that holds heights, not pressures."""
     topic = source.aiding.barometer.topic
     finite = np.isfinite(stream.height)
     if not finite.any():
         raise DataError(source.path, f"topic {topic} holds no finite height")
+    hung, hangs = _hung(source, stream.time_ns, stream.height, finite)
     reason = np.where(finite, ACCEPTED, REASONS.index("not_finite")).astype(np.int64)
-    return HeightReference("baro", topic, stream.time_ns, stream.height, reason, 0.0, None)
+    reason[hung] = FROZEN
+    reference = HeightReference("baro", topic, stream.time_ns, stream.height, reason, 0.0, None)
+    return reference, hangs
 
 
 def _from_gnss(source: Source) -> HeightReference:
@@ -413,7 +442,7 @@ def height_warnings(
     rejected = {
         name: count
         for name, count in channel.samples.items()
-        if count and name not in ("accepted", "waiting")
+        if count and name not in ("accepted", "waiting", "frozen")
     }
     if rejected:
         parts = ", ".join(f"{count} {WORDS.get(name, name)}" for name, count in rejected.items())
@@ -432,10 +461,10 @@ def height_warnings(
         " it",
     }
     events, after_gaps = _without_coasts_of_gaps(events)
-    counted: Counter[str] = Counter()
+    seen: Counter[str] = Counter()
     for e in events:
-        counted[e.kind] += 1
-        if e.kind in texts and counted[e.kind] <= 3:
+        seen[e.kind] += 1
+        if e.kind in texts and seen[e.kind] <= 3:
             notes.append(
                 texts[e.kind].format(size=e.size, time=begins_s + e.time, duration=e.duration)
             )
@@ -444,9 +473,9 @@ def height_warnings(
         notes.append(
             f"after gaps of the IMU height differed from its reference by {largest:+.1f} m"
         )
-    for kind, count in counted.items():
+    for kind, count in seen.items():
         if kind in texts and count > 3:
-            notes.append(f"... and {count - 3} more events of this kind ({kind})")
+            notes.append(f"... and {counted(count - 3, 'more event')} of this kind ({kind})")
     if not channel.samples.get("accepted"):
         notes.append("no sample of the height reference could be used: height is undamped")
     return notes

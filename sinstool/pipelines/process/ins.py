@@ -23,6 +23,7 @@ from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.height import Damping, damping, height_warnings
 from sinstool.pipelines.process.height_beside_gnss import HeightBesideGnss
+from sinstool.pipelines.process.height_lag import HeightLag
 from sinstool.pipelines.process.ins_start import start_state
 from sinstool.pipelines.process.mode import (
     BytesRead,
@@ -63,12 +64,14 @@ class InsMode(Mode):
         self._latitude, longitude, height = state[:3].tolist()
         self._damping: Damping | None = None
         self._height_beside: HeightBesideGnss | None = None
+        self._lag = HeightLag(None, 0.0)
         self.emits = ("imu", "attitude", "odometry", "fix", "tf")
         if config.vertical.height_damping != "off":
             self.emits = (*self.emits, "height")
             self._damping, notes = damping(source, config, self._latitude, height)
             self._notes += notes
             self._height_beside = HeightBesideGnss(self._damping.reference, source.aiding.gnss)
+            self._lag = HeightLag(self._damping.reference, config.vertical.baro_lag)
             parameters = layout.new_parameters(
                 self._damping.network, self._damping.grade.grade, baro_lag=config.vertical.baro_lag
             )
@@ -102,6 +105,7 @@ class InsMode(Mode):
                 self._beside = solution
             if self._height_beside is not None:
                 self._height_beside.push(solution)
+            self._lag.push(solution)
             yield solution
 
     def conclude(self, last: Solution, sink: Sink | None) -> ModeResult:
@@ -114,7 +118,7 @@ class InsMode(Mode):
             height = self._damping.result(run.channel, run.events, run.first_ns, last.vertical[-1])
             texts += height_warnings(run.channel, run.events)
             assert self._height_beside is not None
-            texts += self._height_beside.warnings()
+            texts += [*self._lag.warnings(), *self._height_beside.warnings()]
         else:
             texts.append(undamped_warning(self._latitude, seconds))
         off = difference_to_gnss(self._beside, self.source.aiding.gnss)

@@ -13,6 +13,7 @@ from sinstool.core.units import DEGREE
 from sinstool.methods.height.vertical import VerticalChannel, upward_specific_force
 from sinstool.pipelines.process.height import damping, height_warnings
 from sinstool.pipelines.process.height_beside_gnss import HeightBesideGnss
+from sinstool.pipelines.process.height_lag import HeightLag
 from sinstool.pipelines.process.height_used import HeightDamping
 from sinstool.survey.source import Source
 
@@ -43,8 +44,11 @@ class Vertical:
             self._notes.append("the latitude is unknown; gravity at 45 deg is used for the height")
         start = source.position[2] or 0.0
         self.damping, notes = damping(source, config, latitude, start)
+        if source.position[2] is None:
+            start = self.damping.reference.first_height
         self._notes += notes
         self._beside = HeightBesideGnss(self.damping.reference, source.aiding.gnss)
+        self._lag = HeightLag(self.damping.reference, config.vertical.baro_lag)
         self._channel = VerticalChannel(
             self.damping.network,
             latitude,
@@ -72,6 +76,7 @@ class Vertical:
         self._last = vertical[-1]
         solution = replace(solution, vertical=vertical)
         self._beside.push(solution)
+        self._lag.push(solution, f_up)
         return solution
 
     def summary(self) -> HeightDamping:
@@ -83,4 +88,4 @@ class Vertical:
     def warnings(self) -> list[str]:
         """Warnings about the height."""
         said = height_warnings(self._channel.summary, self._channel.events)
-        return [*self._notes, *said, *self._beside.warnings()]
+        return [*self._notes, *said, *self._lag.warnings(), *self._beside.warnings()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sinstool.core.english import counted_clause
 from sinstool.core.timeline import SECOND
 from sinstool.pipelines.info.collect import INCREMENTS, MESSAGES, POINTS, Sampling, Traffic
 from sinstool.pipelines.info.result import InspectedImu, Inspection
@@ -84,7 +85,7 @@ def _histogram(good: list[Sampling]) -> Figure | None:
     of = f", {one.topic}" if len(good) > 1 else ""
     notes = ["One narrow column is a steady clock; several are a clock that ticks too coarsely."]
     if outside:
-        notes.append(f"{outside} intervals lie beyond the axis.")
+        notes.append(f"{counted_clause(outside, 'interval', 'lies', 'lie')} beyond the axis.")
     return Figure(
         "histogram",
         f"Histogram of the sample intervals{of}",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from sinstool.config import ALIGN_OPTIONS, ProcessConfig
+from sinstool.core.english import counted_clause
 from sinstool.pipelines.align.log import LogAlignment
 from sinstool.pipelines.align.result import AlignResult, Vector
 from sinstool.report.figures.alignment import figures
@@ -67,9 +68,10 @@ def _verdict(result: AlignResult) -> tuple[str, ...]:
     if result.n_pairs:
         used = (
             f"{result.n_pairs} pairs of vectors from {result.start_s:.1f} to"
-            f" {result.stop_s:.1f} s were used; {result.n_rejected} fixes were rejected as"
-            f" outliers. Residuals of the pairs are {result.chi2:.2f} times what the noise of"
-            " GNSS alone explains"
+            f" {result.stop_s:.1f} s were used;"
+            f" {counted_clause(result.n_rejected or 0, 'fix', 'was', 'were')} rejected as"
+            f" outliers. Residuals of the pairs are {result.chi2:.2f} times what the noise of GNSS"
+            " alone explains"
         )
         if result.refined_chi2 is not None:
             used += f", those of the refinement {result.refined_chi2:.2f} times what it assumes"

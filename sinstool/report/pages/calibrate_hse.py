@@ -7,6 +7,7 @@ from math import isfinite
 from pathlib import Path
 
 from sinstool.config import ProcessConfig
+from sinstool.core.english import counted
 from sinstool.core.units import DEGREE
 from sinstool.methods.hse.calibration import RunRecord
 from sinstool.methods.hse.statistics import Column as Headings
@@ -105,7 +106,7 @@ def _facts(calibration: Calibration) -> tuple[Fact, ...]:
         value = _arcsec(file.lambda2_rad, file.sigma_lambda2_rad)
         facts.append(Fact("Misalignment lambda2", value, f"1 sigma, by the method {file.method}"))
     facts.append(Fact("The same by the axial rate", _axial(calibration), "no heading is in it"))
-    runs = f"{file.fit.n_runs} runs, {file.fit.n_rates} rates"
+    runs = f"{counted(file.fit.n_runs, 'run')}, {counted(file.fit.n_rates, 'rate')}"
     facts.append(Fact("Status", file.status.replace("_", " "), runs))
     if calibration.table is not None:
         before, after = calibration.table.before.scatter, calibration.table.after.scatter
@@ -157,7 +158,8 @@ def _coefficients(calibration: Calibration) -> Table:
         Column("to", "", ".7g"),
     )
     notes = (
-        f"{file.fit.n_runs} runs at {file.fit.n_rates} rates, {file.fit.dof} degrees of freedom,"
+        f"{counted(file.fit.n_runs, 'run')} at {counted(file.fit.n_rates, 'rate')},"
+        f" {file.fit.dof} degrees of freedom,"
         f" latitude {file.latitude_rad / DEGREE:.4f} deg. Heading is corrected by ψ = ψ̂ −"
         " (Ω − ω sin L) λ₂ C₂₃ / (3 ω cos L), with the rate of the table Ω, the Earth's ω, the"
         " latitude L, and λ₂ the coefficient lambda2.",

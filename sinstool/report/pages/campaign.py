@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Any
 
+from sinstool.core.english import counted
 from sinstool.core.errors import OutputError
 from sinstool.core.whole_file import write_table, write_whole
 from sinstool.report.markup import markup
@@ -148,7 +149,7 @@ def _facts(entries: Sequence[Entry]) -> tuple[Fact, ...]:
     for name, values, shown in (("Duration", lengths, duration), ("Distance", ways, distance)):
         numbers = [value for value in values if value is not None]
         if numbers:
-            facts.append(Fact(name, shown(sum(numbers)), f"of {len(numbers)} logs"))
+            facts.append(Fact(name, shown(sum(numbers)), f"of {counted(len(numbers), 'log')}"))
     warned = sum(bool(one.kinds) for one in entries)
     facts.append(Fact("Logs with findings", str(warned), "beyond notes"))
     return tuple(facts)

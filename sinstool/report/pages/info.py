@@ -87,14 +87,14 @@ def _facts(inspection: Inspection, good: Sequence[InspectedImu]) -> tuple[Fact, 
     span = (source.end_ns - source.start_ns) / SECOND
     profile = source.profile or "none"
     facts = [
-        Fact("Length", f"{span:.6g} s", f"{source.messages} messages"),
+        Fact("Length", f"{span:.6g} s", counted(source.messages, "message")),
         Fact("Format", source.format, f"profile {profile}, {source.size / 1e6:.1f} MB"),
     ]
     for imu in good[:2]:
         of = f", {imu.topic}" if len(good) > 1 else ""
         still = sum(span.duration_s for span in imu.still)
         facts += [
-            Fact(f"IMU rate{of}", f"{imu.rate_hz:.5g} Hz", f"{imu.n} samples"),
+            Fact(f"IMU rate{of}", f"{imu.rate_hz:.5g} Hz", counted(imu.n, "sample")),
             Fact(f"Gaps{of}", str(imu.gaps), f"{imu.covered_s:.6g} s covered"),
             Fact(f"Stamps{of}", f"{imu.backward} back, {imu.duplicates} twice",
                  "used" if imu.time_source == "stamp" else "not used: log times instead"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sinstool.core.english import counted
 from sinstool.core.options import Group
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -49,7 +50,9 @@ def simulation_page(simulated: Simulated, config: Group, output: Path) -> Page:
     time_ns = topics[0].time_ns
     seconds = (int(time_ns[-1]) - int(time_ns[0])) / SECOND
     about = (inspect.getdoc(type(scenario)) or "").split("\n\n")[0].replace("\n", " ")
-    first = Fact("Length", f"{seconds:.6g} s", f"{len(time_ns)} samples at {scenario.rate:g} Hz")
+    first = Fact(
+        "Length", f"{seconds:.6g} s", f"{counted(len(time_ns), 'sample')} at {scenario.rate:g} Hz"
+    )
     rows = tuple((t.topic, t.type_name, len(t.time_ns), ABOUT[t.topic]) for t in topics)
     columns = (Column("Topic"), Column("type"), Column("messages"), Column("holds"))
     sections: tuple[Section, ...] = (

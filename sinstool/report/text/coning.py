@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from sinstool.core.english import counted
 from sinstool.core.whole_file import make_folder, write_table
 from sinstool.pipelines.compare_coning import summary
 from sinstool.report.text.table import aligned
@@ -121,7 +122,7 @@ def print_comparison(result: summary.ComparisonResult, verbose: bool = False) ->
     stretches = checks.segments
     gaps = f" in {stretches} stretches between gaps" if stretches > 1 else ""
     _say(
-        f"{meta.imu_topic}: {meta.samples} samples, {meta.duration_s:.1f} s{gaps}, at"
+        f"{meta.imu_topic}: {counted(meta.samples, 'sample')}, {meta.duration_s:.1f} s{gaps}, at"
         f" {checks.rate_hz:.3f} Hz, taken as {meta.gyro_kind}"
     )
     _say(about_reference(reference, meta))

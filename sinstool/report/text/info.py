@@ -55,8 +55,8 @@ def _print_lost(lost: LogLosses) -> None:
         click.echo(f"lost: {part}")
     if lost.messages_declared is not None:
         click.echo(
-            f"recovered: {lost.messages_read} of {lost.messages_declared} messages;"
-            f" {lost.chunks} chunks damaged"
+            f"recovered: {lost.messages_read} of {counted(lost.messages_declared, 'message')};"
+            f" {counted(lost.chunks, 'chunk')} damaged"
         )
 
 

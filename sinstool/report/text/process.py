@@ -31,7 +31,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
         ("log", f"{result.input.path} ({result.input.size / 1e6:.1f} MB)"),
         (
             "IMU",
-            f"{imu.topic}: {imu.n} samples at {imu.rate_hz:.3f} Hz,"
+            f"{imu.topic}: {counted(imu.n, 'sample')} at {imu.rate_hz:.3f} Hz,"
             f" {counted(imu.gaps, 'gap')}, {imu.dropped} dropped",
         ),
         (
@@ -223,7 +223,7 @@ def _vehicle(vehicle: VehicleUsed) -> list[Row]:
                 f"{wheels.topic}: {wheels.metres_per_unit:.4f} m for each"
                 f" {'m' if wheels.unit == 'm/s' else 'rad'}, latency"
                 f" {1e3 * wheels.latency_s:.0f} +- {1e3 * wheels.latency_sigma_s:.0f} ms; used"
-                f" {wheels.used} times, {wheels.slipped} left out",
+                f" {counted(wheels.used, 'time')}, {wheels.slipped} left out",
             )
         )
     return [
@@ -314,8 +314,9 @@ def _hse(hse: hse_used.HseCorrection) -> list[Row]:
     return [
         (
             "heading" if k == 0 else "",
-            f"at {s.rate_deg_s:+.3f} deg/s, {s.turns} turns: {s.heading_raw_deg:.4f} deg,"
-            f" corrected by {measured(-s.correction_arcsec, s.sigma_correction_arcsec, 'arcsec')}"
+            f"at {s.rate_deg_s:+.3f} deg/s, {counted(s.turns, 'turn')}:"
+            f" {s.heading_raw_deg:.4f} deg, corrected by"
+            f" {measured(-s.correction_arcsec, s.sigma_correction_arcsec, 'arcsec')}"
             f" to {_heading(s.heading_deg, s.sigma_heading_arcsec)}",
         )
         for k, s in enumerate(hse.segments)

@@ -158,7 +158,7 @@ def test_encoder_that_goes_back_is_refused():
     alpha[20010] = alpha[20011] + 1e-6  # within a block: its rate is as before
     result = find_segments([TableAngle(0, 0.0, DT, alpha)])
     assert not result.used
-    assert result.rejected[0].reason == "the encoder goes backwards or stands still 1 times"
+    assert result.rejected[0].reason == "the encoder goes backwards or stands still 1 time"
 
 
 def test_slow_change_of_rate_is_not_one_plateau():
@@ -187,4 +187,4 @@ def test_an_encoder_that_goes_back_at_either_end_of_a_segment_is_refused(at):
     alpha[at] = alpha[0] - 1e-6 if at == 1 else alpha[-1] + 1e-6
     result = find_segments([TableAngle(0, 0.0, DT, alpha)], SegmentRules(settle_s=0.0))
     assert not result.used
-    assert result.rejected[0].reason == "the encoder goes backwards or stands still 1 times"
+    assert result.rejected[0].reason == "the encoder goes backwards or stands still 1 time"

@@ -121,8 +121,8 @@ def test_rows_that_damage_left_without_an_attitude_are_left_out_and_counted(made
         exported = export(tmp_path / "bad.mcap", tmp_path / f"x.{suffix}", configured())
         assert exported.exit_status == 3
         kinds = {finding.kind: finding.text for finding in exported.findings}
-        assert kinds["malformed"].endswith(": 1 messages")
-        assert kinds["not-finite"].endswith(": 1 rows") and "no-record" in kinds
+        assert kinds["malformed"].endswith(": 1 message")
+        assert kinds["not-finite"].endswith(": 1 row") and "no-record" in kinds
     whole, bad = pandas.read_csv(tmp_path / "x.csv").time_ns, tmp_path / "x.tum"
     assert len(whole) == file_interface.read_tum_trajectory_file(str(bad)).num_poses
     assert len(whole) == 198

@@ -11,7 +11,7 @@ from sinstool.config.load import build
 from sinstool.core.errors import ConfigurationError, DataError
 from sinstool.core.streams import Baro, GnssEpochs
 from sinstool.methods.height.layout import ChannelSummary, Event
-from sinstool.methods.height.reference import reference_from_gnss
+from sinstool.methods.height.reference import HeightReference, reference_from_gnss
 from sinstool.methods.height.standard_atmosphere import geopotential, pressure_at
 from sinstool.pipelines.process.height import (
     height_reference,
@@ -123,7 +123,7 @@ def test_what_a_barometer_says_of_its_noise(variance, sigma):
     baro, gnss, _ = streams()
     baro.variance[:] = variance
     aiding = AidingData(gnss=gnss, fix_topic="/fix", barometer=Barometer(baro, "/baro"))
-    source = SimpleNamespace(path="a.mcap", aiding=aiding)
+    source = SimpleNamespace(path="a.mcap", aiding=aiding, survey=survey_of())
     reference, warnings = height_reference(source, options(), 300.0)
     assert reference.sigma == pytest.approx(sigma, rel=0.1)
     assert not warnings
@@ -131,7 +131,12 @@ def test_what_a_barometer_says_of_its_noise(variance, sigma):
 
 def source_of(baro, gnss):
     aiding = AidingData(gnss=gnss, fix_topic="/fix", barometer=Barometer(baro, "/baro"))
-    return SimpleNamespace(path="a.mcap", aiding=aiding)
+    return SimpleNamespace(path="a.mcap", aiding=aiding, survey=survey_of())
+
+
+def survey_of(rests=()):
+    spans = tuple(SimpleNamespace(start_ns=T0 + a * 10**9, end_ns=T0 + b * 10**9) for a, b in rests)
+    return SimpleNamespace(first_ns=T0, spans=spans)
 
 
 def test_a_barometer_that_no_fix_falls_into_is_set_by_the_start():
@@ -193,3 +198,13 @@ def test_a_gap_of_the_imu_is_no_fault_of_the_height_reference():
     silent = [Event("coast", 92.01, 0.0, 0.0), Event("re-engaged", 99.0, -3.1, 7.0)]
     assert "coasting" in height_warnings(channel(), [gap, *silent])[1]
     assert "coasting" in height_warnings(channel(), ends)[0]
+
+
+def test_the_first_height_is_that_of_the_first_second():
+    times = T0 + np.array([0, 5, 9, 40]) * 10**8
+    heights = np.array([np.nan, 120.0, 124.0, 500.0])
+    reason = np.array([1, 0, 0, 0])
+    reference = HeightReference("baro", "/altitude", times, heights, reason, 0.0, None)
+    assert reference.first_height == 122.0
+    none = replace(reference, reason=np.ones(4, np.int64))
+    assert none.first_height == 0.0

@@ -39,6 +39,7 @@ from sinstool.pipelines.process.filter_used import (
     WithheldScores,
 )
 from sinstool.pipelines.process.height import Damping, height_warnings
+from sinstool.pipelines.process.height_lag import HeightLag
 from sinstool.pipelines.process.ins_gnss import settings_used
 from sinstool.pipelines.process.ins_gnss.before_start import (
     before_start,
@@ -115,6 +116,7 @@ class FilterRun(Mode):
         self._planned = timed_start(source, config, algorithm, first, start)
         self._start = start = start_before_gaps(source, config, algorithm, self._planned)
         self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")
+        self._lag = HeightLag(start.reference, config.vertical.baro_lag)
         self._damping: Damping | None = None
         if start.reference is not None:
             self.emits = (*self.emits, "height")
@@ -232,7 +234,7 @@ class FilterRun(Mode):
         for stretch in self._stretches:
             self._mounted(stretch.vehicle.mount)
             solve = self._smoothed if self._smooth else self._as_filtered
-            yield from solve(stretch, progress)
+            yield from self._lag.watch(solve(stretch, progress))
 
     def _as_filtered(self, stretch: Stretch, progress: BytesRead | None) -> Iterator[Solution]:
         yield from self._scored(self._earlier(stretch, stretch.start.start))
@@ -261,8 +263,7 @@ class FilterRun(Mode):
                 self._score.smoothed(gnss, smoothed)
             first = smoothed_start(stretch.start.start, smoothed)
             yield from self._scored(self._earlier(stretch, first))
-            events = stretch.filter.events
-            doubtful = doubts(concatenate(self._gnss), events) if self._gnss else []
+            doubtful = doubts(concatenate(self._gnss), stretch.filter.events) if self._gnss else []
             begin = 0
             for updates in smoother.blocks(smoothed):
                 end = begin + len(updates)
@@ -412,11 +413,10 @@ class FilterRun(Mode):
             height = self._damping.result(
                 summary.channel, events, self._start.time_ns, last.vertical[-1]
             )
-        gyro_kind = self.config.input.sample_kind
         texts = (*self._start.warnings, *self._start.attitude_warnings)
         return ModeResult(
             alignment=self._start.first_attitude,
-            coning=ConingUsed.of(self.plan.algorithm, gyro_kind, self._updates),
+            coning=ConingUsed.of(self.plan.algorithm, self.config.input.sample_kind, self._updates),
             height=height,
             filter=self._summary(),
             findings=(*warned("filter-start", texts), *self._warnings()),
@@ -496,5 +496,5 @@ class FilterRun(Mode):
         if p.reference is not None and s.gains is not None:
             before = (p.time_ns - first_ns) / SECOND
             texts = height_warnings(s.channel, channel_events_of(self._stretches), before)
-            findings += warned("height", texts)
+            findings += warned("height", [*texts, *self._lag.warnings()])
         return findings
