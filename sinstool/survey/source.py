@@ -27,6 +27,7 @@ from sinstool.survey.clock_correction import may_have_stepped, remove_clock_step
 from sinstool.survey.clock_steps import LEAST_NS
 from sinstool.survey.clocks import against_gnss
 from sinstool.survey.gnss import LEFT_OUT, read_gnss
+from sinstool.survey.gyro_signs import gyro_sign_findings
 from sinstool.survey.imu import BLOCK_ROWS, Survey, Watcher, survey
 from sinstool.survey.magnetometer import magnetic_channels
 from sinstool.survey.needs import (
@@ -151,6 +152,7 @@ def prepare(
         aiding = replace(aiding, barometer=barometer)
     if needs_wheels:
         aiding = _with_wheels(log, config, aiding, survey_.time_source == "log")
+    findings += gyro_sign_findings(survey_.windows, survey_.topic)
     findings += [*aiding.findings, *against_gnss(log.path, options, survey_, aiding)]
     survey_, aiding, steady = _truly_at_rest(survey_, aiding)
     findings += steady
