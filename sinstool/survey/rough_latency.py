@@ -82,7 +82,10 @@ def rough_latency(windows: Windows, gnss: GnssEpochs | None) -> float | None:
         return None
     seconds = (time_ns - edges_ns[0]) / SECOND
     felt_n = changes_n - np.outer(lasted_s, [0.0, 0.0, STANDARD_GRAVITY])
-    edges_s, integral = (edges_ns - edges_ns[0]) / SECOND, _by_imu(windows)
+    # What follows the last span is not needed
+    count = int(latest[rows[-1, -1] + 1]) + 1
+    edges_s = (edges_ns[: count + 1] - edges_ns[0]) / SECOND
+    integral = _by_imu(windows, count)
     loss = np.zeros(len(latencies))
     for k, late in enumerate(latencies):
         felt = np.stack([np.interp(seconds - late, edges_s, axis) for axis in integral.T], axis=-1)
@@ -124,16 +127,15 @@ def _spans(usable: FloatArray) -> IntArray:
     return np.concatenate([np.zeros(0, np.int64), *first])[:, None] + np.arange(SPAN)
 
 
-def _by_imu(windows: Windows) -> FloatArray:
-    """Integral of specific force at the windows' edges, in one frame between gaps, m/s.
+def _by_imu(windows: Windows, n: int) -> FloatArray:
+    """Integral of specific force at the edges of the first n windows, in one frame, m/s.
 
     Shape (n + 1, 3). A drift of that frame does not matter, as each span has a rotation of its own.
     """
-    n = len(windows)
     groups = -(-n // GROUP)
     padded = np.zeros((groups * GROUP, 4))
     padded[:, 0] = 1.0
-    padded[:n] = windows.turn[0]
+    padded[:n] = windows.turn[0, :n]
     turn = padded.reshape(groups, GROUP, 4)
     within = np.empty_like(turn)
     q = np.tile([1.0, 0.0, 0.0, 0.0], (groups, 1))
@@ -144,7 +146,7 @@ def _by_imu(windows: Windows) -> FloatArray:
     for k in range(1, groups):
         first[k] = rotation.normalise(rotation.multiply(first[k - 1], q[k - 1]))
     attitude = rotation.multiply(first[:, None], within).reshape(-1, 4)[:n]
-    force = rotation.rotate(attitude, windows.force[0])
+    force = rotation.rotate(attitude, windows.force[0, :n])
     return np.concatenate([np.zeros((1, 3)), np.cumsum(force, axis=0) * (WINDOW_NS / SECOND)])
 
 

@@ -9,13 +9,12 @@ import numpy as np
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.height.lag import GRID_NS, height_lag
 from sinstool.methods.height.layout import ACCEPTED
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.height.vertical import upward_specific_force
 
-# About gravity: what is left of it is a drift.
-_GRAVITY = 9.81
 # No sample shows the climb over a longer interval, ns.
 _LONGEST_NS = SECOND // 5
 # Least error that is worth a warning, m.
@@ -64,7 +63,8 @@ class HeightLag:
             self._first_ns = (int(times[0]) // GRID_NS + 1) * GRID_NS
         last_ns, force, climb = self._last
         times, f_up = np.append(last_ns, times), np.append(force, f_up)
-        mean = 0.5 * (f_up[1:] + f_up[:-1]) - _GRAVITY
+        # What is left of gravity is a drift
+        mean = 0.5 * (f_up[1:] + f_up[:-1]) - STANDARD_GRAVITY
         climbed = climb + np.append(0.0, np.cumsum(mean * (np.diff(times) / SECOND)))
         begin = last_ns // GRID_NS + 1 if self._climb else self._first_ns // GRID_NS
         grid = np.arange(begin, times[-1] // GRID_NS + 1) * GRID_NS

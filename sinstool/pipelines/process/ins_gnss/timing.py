@@ -225,7 +225,7 @@ def with_offsets(
         at_first = best.found.tried[0][1].square if best.found.tried else 0.0
     if best.found.doubtful or best.found.followed_assumption:
         other = settled(_likeliest_latency(source, config, algorithm, first))
-        if other.found.tried and other.found.misfit < best.found.misfit:
+        if other.found.misfit < best.found.misfit:
             best = other
     used, offsets, agrees = best.used, best.offsets, best.agrees
     if offsets is not None and abs(used - assumed) > LEAST_S:
