@@ -36,6 +36,7 @@ def test_json_says_all_and_nothing_else(align):
     assert printed["truth"]["total_deg"] < 0.3
 
 
+@pytest.mark.slow
 def test_level_only_ends_with_3_and_without_heading(align):
     pad = launched(*TACTICAL, "--pad", "60", duration=20)
     code, out, err = align(pad, *KIND, "--end", "40", "--json")
@@ -48,6 +49,7 @@ def test_level_only_ends_with_3_and_without_heading(align):
     assert code == 3 and "not observable" in out
 
 
+@pytest.mark.slow
 def test_series_and_page_are_written(align, tmp_path):
     table, page = tmp_path / "series.csv", tmp_path / "page.html"
     log = launched(*TACTICAL)

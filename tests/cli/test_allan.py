@@ -65,6 +65,7 @@ def test_summary(allan, rest):
     assert allan(rest, "-q")[1] == ""
 
 
+@pytest.mark.slow
 def test_files_of_all_formats(allan, rest, tmp_path):
     """Each value is what its unit makes of the two figures that were simulated."""
     expected = {
@@ -154,6 +155,7 @@ def test_jitter_of_stamps_changes_nothing(allan, tmp_path):
     assert other["x"][key]["value"] == pytest.approx(one["x"][key]["value"], rel=2e-3)
 
 
+@pytest.mark.slow
 def test_dead_and_clipped_axes(allan, tmp_path):
     rates, forces = noise(6000)
     rates[:, 1] = 0.25
@@ -185,6 +187,7 @@ def test_dead_and_clipped_axes(allan, tmp_path):
     }
 
 
+@pytest.mark.slow
 def test_units(allan, tmp_path):
     rates, forces = noise(6000)
     log = write(tmp_path / "g.mcap", rates, forces / 9.80665)
@@ -225,6 +228,7 @@ def test_twenty_seconds_of_rest(allan, tmp_path):
     assert "neither bias instability nor random walk" in err
 
 
+@pytest.mark.slow
 def test_drift_and_warm_up_are_said(allan, tmp_path):
     ramp = (*GYRO[:4], 2e-7)
     code, _, err = allan(write(tmp_path / "ramp.mcap", *noise(30000, gyro=ramp)))
@@ -249,6 +253,7 @@ def test_knocks_are_left_out(allan, tmp_path):
         assert measured(out)[1][axis]["bias_instability_m_per_s2"]["value"] is None
 
 
+@pytest.mark.slow
 def test_counts_that_change_seldom_are_not_knocks(allan, tmp_path):
     """Velocity in counts that gravity fills evenly, but for a count more or less now and then."""
     rates, forces = noise(12000)
@@ -261,6 +266,7 @@ def test_counts_that_change_seldom_are_not_knocks(allan, tmp_path):
     assert len(printed["rest"]["stretches"]) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("walk", "visible"), [(1e-6, False), (1e-5, True)])
 def test_counts_at_a_constant_rate(allan, tmp_path, walk, visible):
     """A laser gyro counts the Earth's rotation: its rounding beats, and is taken for no noise."""
@@ -302,6 +308,7 @@ def test_page(allan, rest, tmp_path):
     assert allan(rest, "--report", figure, "-q")[0] == 0 and figure.stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_many_logs(allan, rest, tmp_path):
     other = write(tmp_path / "moves.mcap", *moved(*noise(3000), 0, 3000))
     folder = tmp_path / "noise"

@@ -511,6 +511,7 @@ def test_page_of_runs_that_tell_nothing(tmp_path):
     assert 'data-key="heading"' in text and 'data-key="azimuth"' not in text
 
 
+@pytest.mark.slow
 def test_main_figure_alone(noisy, tmp_path):
     a, b, rig = noisy
     for suffix, begins in ((".png", b"\x89PNG"), (".pdf", b"%PDF")):

@@ -633,6 +633,7 @@ def loaded_by(words):
     return re.findall(r"'([\w.]+)'", run.stdout.split("loaded ")[1])
 
 
+@pytest.mark.slow
 def test_a_run_imports_only_what_it_uses(tmp_path):
 
     out = str(tmp_path / "out.mcap")
@@ -643,6 +644,7 @@ def test_a_run_imports_only_what_it_uses(tmp_path):
     assert {"sinstool.report.markup", "rosbags.typesys.stores.ros2_dashing"} & set(loaded) == set()
 
 
+@pytest.mark.slow
 def test_a_filter_runs_without_scipy(sinstool, tmp_path):
     """Importing it takes longer than filtering ten minutes."""
     log, out = str(tmp_path / "drive.mcap"), str(tmp_path / "out.mcap")

@@ -60,6 +60,7 @@ def test_process_explains_attitude(run, tmp_path):
     assert choices(err) == {}
 
 
+@pytest.mark.slow
 def test_process_explains_the_filter(run, tmp_path):
     made = run("simulate", "drive", "-o", "drive.mcap", "--duration", 120, "-v", cwd=tmp_path)
     assert made[0] == 0 and choices(made[2])["scenario"][0].startswith("drive")

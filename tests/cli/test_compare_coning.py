@@ -69,6 +69,7 @@ def test_table_holds_the_drift_of_the_closed_form(compare):
     assert "is cheap and within 0.01 deg/h of the truth" in out[out.index("Verdict: ") :]
 
 
+@pytest.mark.slow
 def test_columns_fit_120(compare, moving):
     for extra in ((), ("--stopband", "60", "--passband", "20"), ("--reference", "none")):
         status, out, _ = compare(moving, "--decimate", "1,2,4", "-v", *extra)
@@ -77,6 +78,7 @@ def test_columns_fit_120(compare, moving):
         assert out.count("As if logged at") == 4
 
 
+@pytest.mark.slow
 def test_lower_rates_have_a_line_each_and_tables_with_v(compare, moving):
     out = compare(moving, "--decimate", "1,2")[1]
     assert "As if logged at" not in out and "singular-perturbation is the same as" not in out
@@ -86,6 +88,7 @@ def test_lower_rates_have_a_line_each_and_tables_with_v(compare, moving):
     assert "singular-perturbation is the same as" in more
 
 
+@pytest.mark.slow
 def test_json_has_all_keys(compare, moving):
     status, out, _ = compare(moving, "--json", "--stopband", "60", "--passband", "20")
     assert status == 0
@@ -289,6 +292,7 @@ def test_failures_of_the_log_are_one_line(compare, tmp_path):
         assert len(err.strip().split("\n")) == 1
 
 
+@pytest.mark.slow
 def test_two_seconds_a_gap_rest_and_nan(compare, tmp_path):
     gyro, accel, _ = handheld(6000)
     times = even_times(6000)

@@ -44,6 +44,7 @@ def is_clean(text):
     return True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [

@@ -358,6 +358,7 @@ def test_compare_coning(sinstool, logs, tmp_path):
     assert float(lines[1].split(",")[-1]) == pytest.approx(drifts[0][0]["slope_rms"], rel=1e-12)
 
 
+@pytest.mark.slow
 def test_calibrate_hse_is_the_same_by_two(sinstool, tmp_path):
     chosen = ("--config", HSE / "rig-a.toml", "-q")
     made = []

@@ -84,6 +84,7 @@ def test_a_full_cache_folder_costs_a_warning_and_no_more(tmp_path):
     assert list(tmp_path.rglob("*.nbc"))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     bool(UNPRIVILEGED) and not shutil.which("setpriv"), reason="root cannot be kept from writing"
 )

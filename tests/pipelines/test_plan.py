@@ -75,6 +75,7 @@ def agree(path, tmp_path, **options):
     return plan
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", SCENARIOS)
 def test_one_plan_for_every_scenario(tmp_path, scenario):
     arguments, expected, options = SCENARIOS[scenario]
@@ -85,6 +86,7 @@ def test_one_plan_for_every_scenario(tmp_path, scenario):
         assert choice.reason and choice.option.startswith("--"), name
 
 
+@pytest.mark.slow
 def test_one_plan_for_fixes_beside_wheel_odometry(tmp_path):
     truth = drive(31, 120.0, rest=20.0)
     log = write(tmp_path / "log.mcap", record(truth, PERFECT, 1, sigma=0.5), odometry(truth))

@@ -15,6 +15,7 @@ from sinstool.io.readers import open_log
 from sinstool.survey.even_stamps import even_stamps
 from sinstool.survey.source import imu_blocks, part_of, prepare, rate_blocks
 from tests.helpers.imulogs import imu_messages, write_log
+from tests.helpers.quick import mostly_slow
 from tests.helpers.unseen_drives import GRADES, drive, record, without_samples, write
 from tests.helpers.unseen_errors import received
 
@@ -299,7 +300,7 @@ def test_the_option_about_stamps(jittering, option, gaps):
     assert (source.survey.gap_count > 100) is gaps
 
 
-@pytest.mark.parametrize("batch", [5, 9, 10, 12, 16, 20, 32, 50])
+@pytest.mark.parametrize("batch", mostly_slow([5, 9, 10, 12, 16, 20, 32, 50], 5, 16))
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_log_with_samples_in_batches(tmp_path, batch, seed):
     """Nine of ten intervals tell nothing, so no spread between tenths of them does."""

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from sinstool.core.finding import Severity
 from sinstool.methods.alignment.still import WindowStage
 from sinstool.survey.gyro_signs import gyro_sign_findings
+from tests.helpers.quick import mostly_slow
 from tests.helpers.unseen_drives import (
     RATE,
     T0,
@@ -48,7 +49,7 @@ def in_hand(seed, duration=120.0, rate=100.0):
     return T0 + np.round(t * 1e9).astype(np.int64), gyro, accel
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", mostly_slow(range(3), 0))
 @pytest.mark.parametrize("axes", ["x", "y", "z", "yz", "xyz"])
 def test_a_wrong_sign_is_named(seed, axes):
     time_ns, gyro, accel = in_hand(seed)
@@ -67,7 +68,7 @@ def test_an_accelerometer_with_one_wrong_sign_is_one_of_two_of_the_gyro():
 
 
 @pytest.mark.parametrize("make", [drive, flight, boat, walk, multicopter])
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", mostly_slow([1, 2], 1))
 def test_vehicles_with_right_signs_are_believed(make, seed):
     truth = make(seed, 200.0)
     time_ns = T0 + np.round(truth.seconds * 1e9).astype(np.int64)

@@ -19,6 +19,7 @@ from tests.helpers.imulogs import (
     resting,
     write_log,
 )
+from tests.helpers.quick import mostly_slow
 
 SECOND = 10**9
 
@@ -269,7 +270,7 @@ def test_saturation(tmp_path):
     assert s.saturated == ("gyro y", "accelerometer x")
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", mostly_slow(range(6), 0, 1))
 def test_the_end_of_a_range_behind_a_calibration(tmp_path, seed):
     gyro, accel, _ = handheld(4000)
     random = np.random.default_rng(seed)
@@ -316,7 +317,7 @@ def coarse(values, step=0.001):
     return np.round(values / step) * step
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", mostly_slow(range(8), 0, 1))
 def test_coarse_steps_are_no_stop(tmp_path, seed):
     """About its largest rate a slow motion stays for many samples, but also a step below it."""
     random = np.random.default_rng(seed)

@@ -233,6 +233,7 @@ def test_the_better_of_two_receivers_is_used_and_its_velocity(tmp_path, roads):
     assert read(write(tmp_path / "brief.mcap", none, more)).fix_topic == "/a/fix"
 
 
+@pytest.mark.slow
 def test_a_reference_is_no_measurement_unless_it_is_named_or_alone(tmp_path, roads):
     truth = roads[2]
     good = record(truth, PERFECT, 1, gnss_rate=2.0, sigma=0.01, sigma_v=0.01)

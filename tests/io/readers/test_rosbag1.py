@@ -353,6 +353,7 @@ def test_cut_at_every_byte(tmp_path, compression):
     assert most == len(content(6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 @given(seed=st.integers(0, 2**32))
 @settings(max_examples=60, deadline=None)
@@ -373,6 +374,7 @@ def test_flipped_bits_give_an_error_of_ours_or_nothing(tmp_path_factory, compres
                 assert "\n" not in str(exc)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["phidgets_imu_upside_down.bag", "ardrone_imu.bag", "sparkfun_razor.bag"]
 )

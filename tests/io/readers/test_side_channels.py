@@ -56,6 +56,7 @@ def test_one_pass_serves_all_who_want_small_topics(path):
         assert len(seen) == 2
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_any_channels_in_any_order(path, data):
     with open_log(path) as log:

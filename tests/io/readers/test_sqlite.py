@@ -173,6 +173,7 @@ def replaced(row, size):
     return row._replace(payload=row.payload + bytes(k % 251 for k in range(size)))
 
 
+@pytest.mark.slow
 def test_a_cut_file_keeps_all_rows_before_the_cut(tmp_path):
     """The page that leads to the first rows lies in the part that is missing."""
     rows = long_content()

@@ -242,6 +242,7 @@ def test_a_type_whose_definition_is_nowhere_is_copied_and_said(tmp_path, spellin
     assert len(schemas["sensor_msgs/msg/Imu"]) > 100
 
 
+@pytest.mark.slow
 def test_a_copy_of_damage_is_always_a_sound_file(tmp_path):
     """Flipped bits: refused, or a file in which readers, index and statistics agree."""
     source = with_extras(tmp_path / "a.mcap", "none").read_bytes()

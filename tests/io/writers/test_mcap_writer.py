@@ -87,6 +87,7 @@ def read(reader, **options):
     ]
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(st.lists(st.lists(parts(), max_size=4), max_size=4), st.sampled_from(sorted(COMPRESSIONS)))
 def test_all_messages_come_back(calls, compression):

@@ -106,6 +106,7 @@ def test_reference_finds_its_way_after_a_gap_of_the_imu(road):
     assert error[late, :2].max() < 0.3
 
 
+@pytest.mark.slow
 def test_product_navigates_an_error_free_log_to_the_truth(road, tmp_path):
     data = record(road, PERFECT, 0, sigma=0.0)
     data = replace(data, fixes=replace(data.fixes, sigma=0.01))

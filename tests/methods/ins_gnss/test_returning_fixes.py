@@ -12,6 +12,7 @@ from sinstool.core.earth import displaced
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.returning_fixes import lasting, leaps, unsettled
 from tests.helpers.filter_logs import run
+from tests.helpers.quick import mostly_slow
 from tests.helpers.unseen_drives import (
     LEVER,
     T0,
@@ -199,7 +200,7 @@ def test_a_bad_fix_among_good_ones_is_not_of_a_receiver_that_comes_in(seed):
 
 
 @pytest.mark.parametrize("latitude", [-81.0, -74.0, 60.0, 72.0])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", mostly_slow(range(3), 0))
 def test_a_jet_that_turns_at_high_latitudes_is_where_it_is(seed, latitude):
     """North turns by degrees in a minute: 299 good fixes were said to be 129 m off."""
     random, step = np.random.default_rng(seed), 0.1

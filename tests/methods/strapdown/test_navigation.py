@@ -43,6 +43,7 @@ def test_spiral_climb_of_an_hour():
     assert errors.velocity < 1e-6
 
 
+@pytest.mark.slow
 def test_manoeuvring_flight_in_the_south_over_the_date_line():
     flight = manoeuvring_flight(
         1800.0, 100.0, turbulence=0.0, latitude=-0.75, longitude=np.pi - 2e-5, heading=1.0

@@ -178,6 +178,7 @@ def test_a_corner_of_more_than_two_g_is_no_launch(tmp_path, seed, sigma_v):
     assert ratio < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_samples_may_be_of_half_a_sample_ago(tmp_path, seed):
     """Means over 20 ms, read as rates, at 60 to 130 deg/s: as nothing in the log shows."""

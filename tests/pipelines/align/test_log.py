@@ -24,6 +24,7 @@ BOOST = {"gate": "off", "align_start": 0.0, "align_end": 25.0, "refine": "none"}
 # -- exact data ------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vectors", ["win", "int", "cen", "diffc", "pos"])
 def test_exact_data_gives_the_exact_attitude(vectors):
     result = aligned(launched(*PERFECT), in_flight={"vectors": vectors, "refine": "none"})
@@ -80,6 +81,7 @@ def test_wherever_and_however(options, groups):
     assert result.result.chi2 < 1e-3
 
 
+@pytest.mark.slow
 def test_a_latency_and_lever_arm_that_were_not_given_show():
     late = aligned(launched(*PERFECT, "--gnss-latency", "0.1"), in_flight={"refine": "none"})
     assert total(late) > 0.1
@@ -107,6 +109,7 @@ def test_real_sensors_stay_within_their_sigmas():
     assert np.abs(bias).max() < 10.0
 
 
+@pytest.mark.slow
 def test_at_the_start_and_in_between():
     log = launched(*TACTICAL)
     ends = [aligned(log, in_flight={"at": at}) for at in ("start", "end", "60")]
@@ -124,6 +127,7 @@ def test_slow_receivers(rate):
     assert normalised(result) < 5.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.02, 0.1])
 def test_every_outlier_is_found(share):
     options = (*TACTICAL, "--gnss-outliers", str(share))
@@ -139,6 +143,7 @@ def test_every_outlier_is_found(share):
     assert abs(total(dirty) - total(clean)) < 0.5 * clean.result.sigma_worst_deg
 
 
+@pytest.mark.slow
 def test_a_clipping_gyro_harms_only_without_the_gate():
     log = launched(*TACTICAL, "--gyro-range", "200")
     gated = aligned(log, **SAID)
@@ -154,6 +159,7 @@ def test_a_clipping_gyro_harms_only_without_the_gate():
     assert total(answer) < 0.2
 
 
+@pytest.mark.slow
 def test_a_launch_that_is_never_calm_enough_for_the_gate_is_aligned_without_it():
     """It ends before the gate opens, or rolls all the time; nothing saturates."""
     log = launched(*TACTICAL, duration=38)
@@ -167,6 +173,7 @@ def test_a_launch_that_is_never_calm_enough_for_the_gate_is_aligned_without_it()
     assert aligned(clipped, **SAID).result.status == "failed"
 
 
+@pytest.mark.slow
 def test_fixes_without_velocity():
     result = aligned(launched(*TACTICAL, "--no-velocity", duration=140))
     assert result.result.vectors == "pos"
@@ -179,6 +186,7 @@ def test_fixes_without_velocity():
         )
 
 
+@pytest.mark.slow
 def test_fixes_without_height():
     some = aligned(launched(*TACTICAL, "--gnss-flat", "45:60"))
     assert some.result.status == "ok"
@@ -191,6 +199,7 @@ def test_fixes_without_height():
     assert any("inconsistent" in w for w in none.result.warnings)
 
 
+@pytest.mark.slow
 def test_gaps():
     short = aligned(launched(*TACTICAL, "--gnss-outage", "45:65"))
     assert short.result.status == "ok"
@@ -214,6 +223,7 @@ def level_only(result):
     assert any("heading is not known" in w for w in printed["warnings"])
 
 
+@pytest.mark.slow
 def test_at_rest_and_straight_there_is_no_heading():
     pad = launched(*TACTICAL, "--pad", "60", duration=20)
     level_only(aligned(pad, input={"end": "55"}))
@@ -223,6 +233,7 @@ def test_at_rest_and_straight_there_is_no_heading():
     level_only(aligned(straight, in_flight=span, **SAID))
 
 
+@pytest.mark.slow
 def test_no_heading_with_a_large_sigma_is_ever_given():
     log = launched(*TACTICAL)
     for end in (50.3, 52.0, 56.0, 64.0, 80.0):
@@ -232,6 +243,7 @@ def test_no_heading_with_a_large_sigma_is_ever_given():
             assert printed["truth"]["total_deg"] < 4.0 * printed["sigma_worst_deg"]
 
 
+@pytest.mark.slow
 def test_too_short_or_too_late():
     log = launched(*TACTICAL)
     brief = {"align_start": 60.0, "align_end": 66.0, "gate": "off"}

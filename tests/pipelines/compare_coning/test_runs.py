@@ -15,6 +15,7 @@ from sinstool.pipelines.compare_coning.runs import (
     increments_of,
     run,
 )
+from tests.helpers.quick import mostly_slow
 
 STEP_NS = 2_500_000
 STEP = STEP_NS * 1e-9
@@ -37,7 +38,7 @@ def one_axis(count=N):
 
 
 @pytest.mark.parametrize("name", ALL)
-@pytest.mark.parametrize("decimate", range(1, 9))
+@pytest.mark.parametrize("decimate", mostly_slow(range(1, 9), 1, 3))
 @pytest.mark.parametrize("input", ["sums", "points"])
 def test_instants_are_shared_with_the_reference(name, decimate, input):
     if decimate == 1:

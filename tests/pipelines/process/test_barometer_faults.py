@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sinstool.simulation.sensors import with_errors
+from tests.helpers.quick import mostly_slow
 from tests.pipelines.process.flights import NOISE_AND_BIASES, finite, flight_log, run
 
 EVERY = slice(500, 12000, 97)
@@ -55,7 +56,7 @@ CASES = {
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("grade", ["perfect", "mems"])
+@pytest.mark.parametrize("grade", mostly_slow(["perfect", "mems"], "mems"))
 @pytest.mark.parametrize("case", CASES)
 def test_height_stays(tmp_path, case, grade):
     change, most, fastest, counts, words = CASES[case]
@@ -77,6 +78,7 @@ def test_height_stays(tmp_path, case, grade):
     assert not any("from that of GNSS" in text for text in summary["warnings"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["ins", "attitude"])
 @pytest.mark.parametrize("by_setting", [False, True])
 def test_a_height_that_is_not_that_of_gnss_is_said(tmp_path, mode, by_setting):
@@ -158,6 +160,7 @@ def test_a_sensor_that_hangs_for_seconds_is_no_jump(tmp_path, mode):
     assert "from 95.0 to 103.0 s" in said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smooth", [False, True])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_sigma_of_a_height_that_returns_to_the_barometer_includes_what_fades(
@@ -188,6 +191,7 @@ def test_the_sigma_of_a_height_that_returns_to_the_barometer_includes_what_fades
     assert np.abs(off / sigma)[after].max() < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["attitude", "ins", "ins-gnss"])
 def test_a_barometer_that_lags_is_named(tmp_path, mode):
     """Stamped on receipt, seconds late: heights were 10 m off in climbs, and nothing was said."""

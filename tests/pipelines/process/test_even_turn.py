@@ -68,6 +68,7 @@ def test_a_rest_beside_it_shows_that_it_turns(tmp_path, seed, phases):
     assert abs(off) < np.radians(1.0) and abs(off) < 3.0 * sigma
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bias", [5.0, 600.0])
 def test_biases_in_any_direction_are_biases(tmp_path, bias):
     """Of resting logs no more than a few in a hundred look like an even turn."""

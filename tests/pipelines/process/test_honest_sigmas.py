@@ -61,6 +61,7 @@ def test_forty_seconds_show_that_a_motorcycle_goes_where_it_points(tmp_path, see
     assert over_sigma(off, covariance) < 1.0
 
 
+@pytest.mark.slow
 def test_gyros_that_warm_up_by_a_third_of_a_degree_per_second(tmp_path):
     """A drive with one rest, at its start, was 3.6 deg off, by 4.6 of its own sigmas."""
     log = without_rest(unseen_drives.drive(5, 180.0, rest=15.0), 5, warms=0.3 * DEGREE)

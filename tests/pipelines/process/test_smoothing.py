@@ -16,6 +16,7 @@ from sinstool.survey import samples, source
 from tests.helpers.filter_logs import simulated
 from tests.helpers.imulogs import T0, G, even_times, imu_log, read_topic, stamp_ns
 from tests.helpers.logs import real
+from tests.helpers.quick import mostly_slow
 
 RATE = 100.0
 BIAS = np.array([0.012, -0.02, 0.016])
@@ -187,7 +188,7 @@ def test_a_saturated_gyro_widens_sigmas(tmp_path):
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
 
 
-@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize("seed", mostly_slow(range(1, 6), 1))
 def test_a_stop_is_found_behind_a_calibration(tmp_path, seed):
     """Which makes of one value at the end of the range many that lie close together."""
     log = hand(60.0, seed=seed)
@@ -395,6 +396,7 @@ def assert_as_said(summary, off, covariance):
     assert (np.abs(found - BIAS) < limit).all()
 
 
+@pytest.mark.slow
 def test_a_steady_turn_at_the_beginning_gives_no_bias(tmp_path):
     """It looks like a rest, which what follows refutes: so are its mean rate and its tilt."""
     turns = [(-5.0, 12.0, 0.03), (40.0, 60.0, -0.05), (90.0, 100.0, 0.06), (130.0, 160.0, -0.02)]
@@ -435,6 +437,7 @@ def test_bursts_make_a_turning_attitude_uncertain_not_wrong(tmp_path):
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 1.5
 
 
+@pytest.mark.slow
 def test_the_only_quiet_time_may_be_a_turn(tmp_path):
     """Half a minute of it, and no straight flight after it that a filter could refute it by."""
     random = np.random.default_rng(2)

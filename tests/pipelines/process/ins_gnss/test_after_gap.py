@@ -114,6 +114,7 @@ def test_which_gaps_a_filter_bridges_is_said(tmp_path, length):
     assert bridged != ("nothing is integrated across" in finding.text)
 
 
+@pytest.mark.slow
 def test_a_start_soon_before_a_gap_gives_way_to_one_in_the_longest_stretch(tmp_path):
     """From there nothing showed latency, noise and drift: tilts were 7 sigmas off in one log."""
     truth = drive(seed=47, duration=420.0, rest=20.0)

@@ -44,6 +44,7 @@ def test_a_step_changes_nothing(tmp_path, road, size, who, ahead_s):
     assert worst(road.truth, solution, ahead_s) < 4.5
 
 
+@pytest.mark.slow
 def test_solutions_are_written_beside_the_messages_of_their_samples(tmp_path, road):
     """By log times of the file, and with stamps that go on evenly."""
     write_stepped(tmp_path / "log.mcap", road, [(AT, -2.0)])

@@ -69,6 +69,7 @@ def test_gyros_that_no_noise_explains_are_said_to_be_wrong(tmp_path, seed):
     assert told["kind"] == "gyros-do-not-fit" and told["numbers"]["gyro_noise"] > 3.5
 
 
+@pytest.mark.slow
 def test_rejected_fixes_are_reported_once(tmp_path):
     """Where most fixes are rejected, one finding says so."""
     log = simulated(

@@ -108,6 +108,7 @@ def test_a_receiver_that_wanders_at_first_moves_no_parked_car(tmp_path, sigma_v)
     assert np.sqrt(np.mean(heading[seconds > 26.0] ** 2)) < 3.0
 
 
+@pytest.mark.slow
 def test_a_rest_before_the_first_fix_is_not_said_to_be_motion(tmp_path):
     """That the car drives when its receiver begins shows nothing for sure of what was before."""
     truth = drive(33, 160.0, rest=30.0)
@@ -208,6 +209,7 @@ def test_motion_shows_the_bias_of_a_car_that_never_rests(tmp_path, begun_in_moti
     assert np.sqrt(np.mean(off**2)) < 1.5
 
 
+@pytest.mark.slow
 def test_stamps_that_jitter_break_no_alignment(tmp_path, town):
     data = record(town, CHEAP, 7, gnss_rate=5.0, sigma=0.8, sigma_v=0.1)
     random = np.random.default_rng(7)

@@ -37,6 +37,7 @@ def test_an_antenna_that_swings_shows_a_latency_of_a_fifth_of_its_swing(tmp_path
     assert off.max() < 0.5
 
 
+@pytest.mark.slow
 def test_a_start_after_a_gap_is_at_a_fix(tmp_path):
     """From one fix to the next the antenna swings in ways that neither shows."""
     truth = tractor(13, 230.0)

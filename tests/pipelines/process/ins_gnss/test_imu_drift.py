@@ -87,6 +87,7 @@ def test_factors_make_up_for_a_grade_that_is_too_cautious(industrial):
     assert np.all(np.array(noise) > 0.95 * np.array([0.0, rest.velocity_random_walk]))
 
 
+@pytest.mark.slow
 def test_sensors_are_as_noisy_as_at_rest_and_in_motion(industrial):
     """An industrial grade has them twice as noisy. Nothing shakes the vehicle."""
     start, drift = drift_of(industrial, **GROUPS)
@@ -102,6 +103,7 @@ def test_sensors_are_as_noisy_as_at_rest_and_in_motion(industrial):
         assert imu.velocity_random_walk == pytest.approx(truth.velocity_random_walk, rel=0.15)
 
 
+@pytest.mark.slow
 def test_scale_factors_that_wander_are_found(industrial):
     """Within an hour by all of 1000 ppm: 7.5 times what an industrial grade is taken to do."""
     grade = IMU_GRADES["industrial"]
@@ -111,6 +113,7 @@ def test_scale_factors_that_wander_are_found(industrial):
     assert drift.used(factors).imu.scale_wander == pytest.approx(factors.scale * grade.scale_wander)
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_stands_makes_no_imu_better(tmp_path):
     path = simulated(
         tmp_path / "stand.mcap", "drive", "--duration", "400", "--still", "330", "--grade", "mems",
@@ -132,6 +135,7 @@ def windows(ratio, count=40, moved=None, restarts=0, seed=0):
     return _Windows(error, sigma, moved, restarts)
 
 
+@pytest.mark.slow
 def test_runs_for_the_looks_alone_agree_with_those_that_compare_all(industrial):
     """Fixes that are compared only change nothing but where substeps end."""
     start, drift = drift_of(industrial, **GROUPS)

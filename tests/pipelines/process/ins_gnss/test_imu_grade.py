@@ -119,6 +119,7 @@ def test_sensors_that_an_idling_engine_shakes_are_known_by_their_drift(tmp_path,
     assert start.grade.grade in ("mems", "industrial")
 
 
+@pytest.mark.slow
 def test_a_grade_is_fitted_once(tmp_path, monkeypatch):
     fitted, fit = [], likelier_grade.fit
 
@@ -621,6 +622,7 @@ def test_fictitious_noise_is_added_for_mems_or_as_asked_for(tmp_path, grade, opt
     assert start.settings.control.virtual_noise == expected
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "has"), [({}, True), ({"filter": "network-26"}, False)])
 def test_misalignments_are_found_and_reported(tmp_path, options, has):
     """Of a flight that rolls and pitches as it turns; truth: the simulation's own matrix."""

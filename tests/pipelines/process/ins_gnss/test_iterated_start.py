@@ -82,6 +82,7 @@ def lift(seed):
     return motion_of(t, velocity, angles)
 
 
+@pytest.mark.slow
 def test_what_is_found_does_not_depend_on_where_it_began(tmp_path):
     apart = {"at once": [], "iterated": []}
     for seed in range(1, 6):

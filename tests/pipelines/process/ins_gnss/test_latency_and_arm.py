@@ -73,6 +73,7 @@ def over_sigma(truth, solution, after_s=60.0):
     return np.sqrt(square / np.mean(np.sum(variance, axis=1))), np.sqrt(square)
 
 
+@pytest.mark.slow
 def test_straight_on_at_one_speed_shows_nothing(tmp_path):
     truth = cruise(120.0)
     log = logged(tmp_path, truth, 2, gnss_rate=4.0, sigma_v=0.05, latency=0.1)
@@ -99,6 +100,7 @@ def test_right_settings_are_not_contradicted_by_smooth_turns(tmp_path, calm):
         assert named(result) == {}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_v", [None, 0.05])
 def test_a_drive_shows_its_latency(tmp_path, road, sigma_v):
     log = logged(tmp_path, road, 4, sigma_v=sigma_v, latency=0.1)
@@ -109,6 +111,7 @@ def test_a_drive_shows_its_latency(tmp_path, road, sigma_v):
     assert np.all(np.abs(start.offsets.arm_b - LEVER) < 0.1)
 
 
+@pytest.mark.slow
 def test_bad_fixes_change_nothing(tmp_path, road):
     data = record(road, GRADES["tactical"], 6, gnss_rate=4.0, latency=0.1)
     log = write(tmp_path / "log.mcap", with_outliers(data, 6))
@@ -175,6 +178,7 @@ def test_an_antenna_that_somebody_said_is_at_the_imu_stays_there(tmp_path, road)
     assert over_sigma(road, solution)[0] < 1.3
 
 
+@pytest.mark.slow
 def test_an_antenna_that_nothing_shows_is_anywhere_near_the_imu(tmp_path):
     truth = cruise(120.0)
     log = logged(tmp_path, truth, 2, gnss_rate=4.0, sigma=0.02)
@@ -188,6 +192,7 @@ def test_an_antenna_that_nothing_shows_is_anywhere_near_the_imu(tmp_path):
     assert "lever-arm-uncertain" not in {f["kind"] for f in told["findings"]}
 
 
+@pytest.mark.slow
 def test_metres_of_noise_say_nothing_of_an_antenna_and_do_not_care(tmp_path, road):
     log = logged(tmp_path, road, 7, sigma=2.0, gnss_rate=1.0)
     start = start_of(log, input=KIND)
@@ -195,6 +200,7 @@ def test_metres_of_noise_say_nothing_of_an_antenna_and_do_not_care(tmp_path, roa
     assert not start.offsets_error[1:].any()
 
 
+@pytest.mark.slow
 def test_an_arm_much_better_known_than_fixes_are_good_is_in_what_velocities_lack(tmp_path):
     """Of a decimetre that is too little to be used, a lean makes a tenth of a metre a second."""
     truth, arm = motorcycle(2, 160.0), np.array([0.0, 0.0, -0.11])
@@ -211,6 +217,7 @@ def test_an_arm_much_better_known_than_fixes_are_good_is_in_what_velocities_lack
     assert not replace(start, offsets=unknown, settings=coarse).offsets_error.any()
 
 
+@pytest.mark.slow
 def test_sensors_that_say_little_of_tilt_do_not_raise_or_lower_the_antenna(tmp_path):
     """Fixes tilt a filter of poor sensors towards where they are off, and an antenna with it."""
     sensors = sensor_errors(0.4, 60.0, 0.15, 1000.0, 2000.0, 0.5)
@@ -219,6 +226,7 @@ def test_sensors_that_say_little_of_tilt_do_not_raise_or_lower_the_antenna(tmp_p
     assert np.all(np.abs(offsets.arm_off_b) < 2.0 * offsets.arm_off_sigma_b)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", [0.0, 0.3])
 def test_a_wrong_latency_is_named(tmp_path, road, wrong):
     """It is used, as it was given, and the sigmas are as large as what comes of it."""
@@ -261,6 +269,7 @@ def test_fixes_of_another_time_that_no_latency_explains_are_reported(tmp_path, a
         assert doubted or not told
 
 
+@pytest.mark.slow
 def test_what_the_filter_assumes_does_not_matter(tmp_path, calm):
     """Latency and arm are what they are, whatever those are about which they are looked for."""
     log = logged(tmp_path, calm, 9, gnss_rate=4.0, sigma_v=0.05, latency=0.1)
@@ -462,6 +471,7 @@ def test_a_shaken_antenna_hides_no_latency(tmp_path, moving, seed):
     assert not start.offsets.arm_contradicts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("moving", "seed"), [(drive, 1), (drive, 3), (tractor, 1)])
 def test_an_antenna_on_a_vehicle_that_an_engine_shakes_is_where_it_is(tmp_path, moving, seed):
     """No receiver follows what the gyros feel of an engine: arms were too short by up to 2 m."""
@@ -517,6 +527,7 @@ def test_a_filter_that_diverges_shows_no_offsets(tmp_path, road, monkeypatch):
     assert estimate_offsets(first.start, first.settings, [motion], first.used) is None
 
 
+@pytest.mark.slow
 def test_a_latency_that_does_not_converge_is_reported(tmp_path, road, monkeypatch):
     log = logged(tmp_path, road, 4)
 
@@ -550,6 +561,7 @@ def test_sigmas_are_what_errors_are(tmp_path):
     assert np.max(np.abs(ratios)) < 3.0
 
 
+@pytest.mark.slow
 def test_a_piece_of_one_update(tmp_path, calm):
     """A gap may leave a single update before it: that ended in an IndexError."""
     log = logged(tmp_path, calm, 9, latency=0.1)
@@ -590,6 +602,7 @@ def test_fixes_far_off_their_neighbours_are_seen_before_any_filter(road, rate):
     assert far.any() and seen[far].all() and not seen[moved_m == 0.0].any()
 
 
+@pytest.mark.slow
 def test_outliers_of_a_slow_receiver_do_not_hide_its_latency(tmp_path):
     """Once a second a turn moves a fix as far off its neighbours: only the IMU tells them apart."""
     data = record(drive(4, 300.0, 20.0), CONSUMER, 4, sigma=0.02, latency=0.1)

@@ -35,6 +35,7 @@ def flight(tmp_path_factory):
 ARM = {"lever_arm": (0.8, -0.4, -1.2)}
 
 
+@pytest.mark.slow
 def test_drive_is_known_as_well_as_it_says(drive):
     chosen, solution = run(drive, gnss=ARM)
     assert solution.time_ns[0] == int(chosen["imu"]["first_ns"])
@@ -66,6 +67,7 @@ def test_smoothing_is_better_and_serves_the_beginning_too(drive):
     assert nees(*smooth_off["attitude"])[1] < 4.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["network-26", "baro-24", "plain-15"])
 def test_every_filter_runs(flight, kind):
     chosen, solution = run(flight, filter={"filter": kind})
@@ -80,6 +82,7 @@ def test_every_filter_runs(flight, kind):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [
@@ -97,6 +100,7 @@ def test_variants_are_no_worse(flight, options):
     assert nees(*off["position"])[0] < 3.0
 
 
+@pytest.mark.slow
 def test_outages_are_bridged_and_scored(flight):
     hidden = ("100:130", "170:200")
     chosen, solution = run(flight, filter={"withhold_gnss": hidden, "smooth": True})
@@ -116,6 +120,7 @@ def test_outages_are_bridged_and_scored(flight):
     assert smooth < 0.5 * velocity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("feedback", ["closed", "none"])
 def test_linear_innovations_score_a_filter_with_feedback_only(flight, monkeypatch, feedback):
     """Without it they are right where the outputs are far off."""
@@ -150,6 +155,7 @@ def test_a_grade_that_noise_at_rest_contradicts_is_reported(drive):
     assert any("noise at rest" in w for w in chosen["warnings"])
 
 
+@pytest.mark.slow
 def test_blocks_change_no_bit(flight, monkeypatch):
     _, whole = run(flight)
     monkeypatch.setattr(filter_run, "DETAIL_ROWS", 1009)
@@ -160,6 +166,7 @@ def test_blocks_change_no_bit(flight, monkeypatch):
         assert np.array_equal(values, getattr(pieces, name)), name
 
 
+@pytest.mark.slow
 def test_without_velocity_a_start_is_found_from_positions(tmp_path):
     log = simulated(
         tmp_path / "positions.mcap", "drive", "--grade", "mems", "--seed", "6", "--duration", "200",

@@ -79,6 +79,7 @@ def test_what_a_stated_grade_lacks_is_not_taken_for_errors_of_fixes(tmp_path, se
     assert start.slow_errors == (1.0, 1.0)
 
 
+@pytest.mark.slow
 def test_what_options_say_of_the_noise_of_the_imu_stays(tmp_path):
     start = started(tmp_path, 1, 4.0, in_flight={"arw": 1e-5, "vrw": 1e-3})
     assert start.slow_errors == (1.0, 1.0)

@@ -71,6 +71,7 @@ def too_short(path):
     return write(path, record(cruise(8.0), GRADES["industrial"], 5, sigma=0.9, sigma_v=0.2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("made", [standing, straight_on])
 def test_a_start_that_is_not_there_is_looked_for_once(tmp_path, monkeypatch, made):
     """By what is refused an answer differs in its last word alone, and at another latency, where

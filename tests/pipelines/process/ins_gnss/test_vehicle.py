@@ -111,6 +111,7 @@ def test_the_attitude_of_the_vehicle_is_written(car, tmp_path):
     assert np.abs(log(multiply(q_nv, conjugate(multiply(q_nb, conjugate(mount)))))).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_stands_stays_where_it_is(tmp_path):
     path = simulated(
         tmp_path / "stand.mcap", "drive", "--duration", "260", "--still", "150", "--grade", "mems",
@@ -159,6 +160,7 @@ def test_stops_within_outages_are_shaken_too(tmp_path, vehicle):
     assert 0.5 < np.mean(squares) < 1.3
 
 
+@pytest.mark.slow
 def test_fixes_that_wander_at_rest_get_a_larger_sigma(tmp_path):
     """Heights of a parked car that go up and down by more than the receiver says."""
     truth = drive(3, 240.0, rest=150.0)
@@ -176,6 +178,7 @@ def test_fixes_that_wander_at_rest_get_a_larger_sigma(tmp_path):
     assert np.sqrt(np.mean((off / sigma) ** 2)) < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["manoeuvring-flight", "spiral-climb"])
 def test_an_aircraft_is_left_alone(tmp_path, scenario):
     path = simulated(
@@ -214,6 +217,7 @@ def test_a_ferry_does_not_carry_the_constraint_away(tmp_path):
     assert squares["auto"] < 1.2**2 * squares["none"]
 
 
+@pytest.mark.slow
 def test_a_mount_that_motion_denies_is_said(car):
     chosen, _ = run(car, filter={"mount": (2.0, -4.0, 25.0)})
     assert chosen["filter"]["vehicle"]["kind"] == "none"

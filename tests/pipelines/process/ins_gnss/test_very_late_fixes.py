@@ -18,6 +18,7 @@ def motions():
     return {"road": drive(2, 200.0, 20.0), "rough air": flight(1, 200.0, turbulent=True)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("late_s", [1.0, -1.7, 2.4])
 @pytest.mark.parametrize("kind", ["road", "rough air"])
 def test_late_fixes_are_used_at_their_time(tmp_path, motions, kind, late_s):
@@ -33,6 +34,7 @@ def test_late_fixes_are_used_at_their_time(tmp_path, motions, kind, late_s):
     assert error < max(4.0 * found.offsets.sigma_s, 0.02)
 
 
+@pytest.mark.slow
 def test_a_given_latency_is_denied_by_fixes_that_are_later(tmp_path, motions):
     data = record(motions["road"], CONSUMER, 7, gnss_rate=5.0, sigma=1.5, sigma_v=0.1, latency=1.5)
     log = write(tmp_path / "log.mcap", data)
