@@ -56,6 +56,8 @@ _LEAST = 20  # epochs
 _AGREE_S, _AGREE, _APART_S = 1e-3, 0.2, 0.01
 _ROUNDS = 8
 _NEAR_S = 0.02
+# False fixes hide a latency; the gate takes them out where it leaves this share of all at least.
+_MOST_LEFT = 0.9
 _MOST_SLOPE = 0.5  # of the estimate over the latency used
 # A latency is less likely than another if its -2 log likelihood is larger by this; latencies are
 # tried in steps of so many seconds.
@@ -296,6 +298,11 @@ def settle(
     """
     used, gated, gates = first_s, False, True
     offsets = evaluate(used, None, gated)
+    if offsets is not None and not offsets.observable and offsets.misfit > 1.0:
+        # A wrong latency is not behind it if the gate rejects a few fixes only
+        clean = evaluate(used, None, True)
+        if clean is not None and clean.observable and clean.rows >= _MOST_LEFT * offsets.rows:
+            gated, offsets = True, clean
     seen: list[tuple[float, float]] = []
     before: tuple[float, float] | None = None
     converged = True

@@ -11,8 +11,10 @@ from sinstool.methods.ins_gnss.receiver_offsets import (
     _LEAST,
     _LEAST_SIGMA_M,
     _LEAST_SIGMA_S,
+    ReceiverOffsets,
     _solved,
     estimate_offsets,
+    settle,
 )
 from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.receiver_priors import ARM_UNKNOWN_M, LATENCY_S
@@ -107,3 +109,32 @@ def test_an_arm_contradicts_by_its_length(off, sigma, contradicts):
         0.0, np.array(off), np.eye(4), np.array(off), np.full(3, sigma), np.zeros((3, 4, 4)), 1.0
     )
     assert arm.arm_contradicts == contradicts
+
+
+def shown(latency, sigma, misfit, rows):
+    covariance = np.diag([sigma**2, 1.0, 1.0, 1.0])
+    none = np.zeros(3)
+    return ReceiverOffsets(
+        latency, none, covariance, none, np.ones(3), np.zeros((3, 4, 4)), misfit, misfit, rows
+    )
+
+
+@pytest.mark.parametrize(
+    ("rejected", "misfit", "found"), [(0.03, 2.4, True), (0.2, 2.4, False), (0.0, 0.9, False)]
+)
+def test_a_latency_that_false_fixes_hide_is_looked_for_without_them(rejected, misfit, found):
+    """With many rejected, a wrong latency may be the reason; with none, false fixes are not."""
+    rows = 1000.0
+    asked = []
+
+    def evaluate(latency, arm_b, gated):
+        asked.append(gated)
+        if gated:
+            return shown(0.2, 0.04, 0.7, (1.0 - rejected) * rows)
+        return shown(0.05, 0.06, misfit, rows)
+
+    used, offsets, agrees = settle(evaluate, 0.0)
+    assert agrees is found
+    assert offsets.latency_s == (0.2 if found else 0.05)
+    assert used == pytest.approx(0.2 if found else 0.0)
+    assert any(asked) is (misfit > 1.0)
