@@ -9,6 +9,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
+from sinstool.core.arrays import IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import GnssEpochs, Imu
 from sinstool.core.timeline import SECOND
@@ -19,10 +20,18 @@ from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings, Start
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
 from sinstool.methods.strapdown.followed_rates import FOLLOWED_S
-from sinstool.pipelines.align.first_attitude import align, in_flight, with_bias_in_motion
+from sinstool.pipelines.align.first_attitude import (
+    align,
+    in_flight,
+    seconds_from_start,
+    with_bias_in_motion,
+)
 from sinstool.pipelines.process.ins_gnss.start_velocity import velocity_around
 from sinstool.survey.grade import bias_at_rest
 from sinstool.survey.source import Source, rate_blocks
+
+# A start leaves out fixes before it that span at most so many seconds, if there is an earlier one.
+LEFT_OUT_S = 30.0
 
 
 @dataclass(frozen=True)
@@ -161,6 +170,11 @@ def _aligned(
         whole = shown.time_ns[shown.has_position & shown.has_velocity] - late
         begin_ns = int(first.time_ns[0])
         alignment = in_flight(source, config, method, shown, begin_ns, whole, near)
+        while config.in_flight.align_end is None:
+            earlier = _before(alignment, source, config, method, shown, begin_ns, whole)
+            if earlier is None:
+                break
+            alignment = earlier
     else:
         alignment = align(source, config)
         if alignment.bias_source == "none" and config.align.gyro_bias == "still":
@@ -177,6 +191,43 @@ def _aligned(
         f"--align {alignment.method} gives no heading, and the filter needs one",
         "leave --align out, or use svd, gyrocompass, log or fixed",
     )
+
+
+def _before(
+    alignment: Alignment,
+    source: Source,
+    config: ProcessConfig,
+    method: str,
+    shown: GnssEpochs,
+    begin_ns: int,
+    fixes_ns: IntArray,
+) -> Alignment | None:
+    """First attitude by the fixes before an outage, if the one after it cannot be carried there.
+
+    Of the parts between outages the alignment uses the one that shows the attitude best; but a
+    filter that starts there leaves out all fixes before.
+
+    Parameters
+    ----------
+    begin_ns, fixes_ns
+        As :func:`in_flight` takes them.
+
+    Returns
+    -------
+    Alignment or None
+        None if hardly any fixes are left out, or if they show no heading.
+    """
+    before = fixes_ns[fixes_ns < alignment.time_ns]
+    if not len(before) or before[-1] - before[0] < LEFT_OUT_S * SECOND:
+        return None
+    end = seconds_from_start(int(before[-1]), source)
+    options = {"in_flight": config.in_flight.model_copy(update={"align_end": end})}
+    config = config.model_copy(update=options)
+    try:
+        earlier = in_flight(source, config, method, shown, begin_ns, fixes_ns)
+    except AlignmentError:
+        return None
+    return earlier if earlier.north_referenced and earlier.time_ns < alignment.time_ns else None
 
 
 def _sample(source: Source, config: ProcessConfig, time_ns: int) -> Imu:
