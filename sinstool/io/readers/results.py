@@ -9,6 +9,7 @@ from functools import reduce
 
 import numpy as np
 
+from sinstool.core.congruence import of_turned
 from sinstool.core.errors import DataError, TopicError, UnsupportedLogError
 from sinstool.core.rotation import from_euler, rotate, to_dcm
 from sinstool.core.streams import Solution
@@ -267,7 +268,11 @@ class ResultReader:
             if "velocity" in present:
                 twist = odometry["twist_covariance"].reshape(-1, 6, 6)[:, :3, :3]
                 c_nb = turn_body(to_dcm(q_nb), self._axes)
-                columns["covariance_velocity_n"] = _unknown(c_nb @ twist @ np.swapaxes(c_nb, 1, 2))
+                twist = _unknown(c_nb @ twist @ np.swapaxes(c_nb, 1, 2))
+                if "pose" in present:
+                    attitude = self._turned(pose[:, 3:, 3:])
+                    twist = twist - of_turned(columns["velocity_n"], attitude)
+                columns["covariance_velocity_n"] = twist
         elif "pose" in values and "fix" in values:
             local = self._from_world(values["pose"]["position"])
         if "fix" in values:
