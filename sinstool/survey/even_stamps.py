@@ -447,7 +447,9 @@ def _lacking(even: EvenStamps, imu: Imu) -> bool:
     # Where more than half of the samples are missing, most intervals are several usual ones
     shortest = quantile(steps, SHARE)
     if shortest > SHORT * usual:
-        usual = float(median(steps[steps <= MISSED * shortest]))
+        # Those that arrive together are no intervals of a sensor
+        apart = steps[steps > SHORT * usual]
+        usual = float(median(apart[apart <= MISSED * shortest]))
     off = np.abs(steps - usual * np.maximum(np.rint(steps / usual), 1.0))
     if quantile(off, ON_GRID) > GRID * usual:
         return False

@@ -14,7 +14,9 @@ from sinstool.survey.imu import CONFLICTING, Survey
 from sinstool.survey.samples import SampleCache, samples_again
 
 # Stamps that vary by more of an interval may be of receipt.
-JITTER = 0.2
+JITTER = 0.05
+# Intervals that vary by more say nothing of lost samples.
+UNEVEN = 0.2
 # Or samples are so many times further apart in the mean than most of them.
 BATCHES = 2.0
 # Share of samples with another's stamp, but other values, from which on it is worth to read the log
@@ -64,7 +66,7 @@ def jitters(found: Survey, options: InputOptions) -> bool:
     """Whether stamps jitter by so much that they may be of receipt."""
     if options.imu_stamps == "kept":
         return False
-    if options.imu_stamps == "even" or sampled_unevenly(found):
+    if options.imu_stamps == "even" or _spread_beyond(found, JITTER):
         return True
     # In batches of ten and more nine of ten intervals are equally short
     return found.last_ns - found.first_ns > BATCHES * found.count * found.interval_ns
@@ -72,7 +74,12 @@ def jitters(found: Survey, options: InputOptions) -> bool:
 
 def sampled_unevenly(survey: Survey) -> bool:
     """Whether intervals differ by so much that a long one is no sign of a lost sample."""
-    return survey.even is None and survey.interval_spread_ns > JITTER * survey.interval_ns
+    return _spread_beyond(survey, UNEVEN)
+
+
+def _spread_beyond(survey: Survey, share: float) -> bool:
+    """Whether stamps as they are vary by more than this share of an interval."""
+    return survey.even is None and survey.interval_spread_ns > share * survey.interval_ns
 
 
 def _evened(found: Survey, even: EvenStamps, options: InputOptions) -> Survey:

@@ -49,6 +49,7 @@ def received_at(time_ns, late_ns):
 @example(279, 12.0)
 @example(2048, 12.0)
 @example(1032, 12.0)
+@example(0, 2.3125)
 @settings(max_examples=20, deadline=None)
 def test_stamps_of_receipt_give_even_times(seed, scale_ms):
     """Late by exponential times, even by more than an interval: their median remains."""
@@ -278,6 +279,20 @@ def test_a_log_with_stamps_of_receipt(jittering):
         later = concatenate(list(imu_blocks(source, middle)))
         np.testing.assert_array_equal(later.time_ns, whole.time_ns[15_001:])
         np.testing.assert_array_equal(later.gyro, whole.gyro[15_001:])
+
+
+@pytest.mark.parametrize(("jitter", "even"), [(0.02, False), (0.1, True), (0.3, True)])
+def test_stamps_that_vary_by_a_tenth_of_an_interval_are_no_times(tmp_path, jitter, even):
+    """Over such intervals a sensor that cones would turn by wrong angles."""
+    times = even_times(6000)
+    spread = jitter * INTERVAL * np.random.default_rng(2).uniform(-1.0, 1.0, len(times))
+    stamps = times + spread.astype(np.int64)
+    received, polled = samples(stamps, times, 0.3), samples(stamps, stamps, 0.3)
+    for imu, found in ((received, even), (polled, False)):
+        log = tmp_path / f"{found}.mcap"
+        write_log(log, imu_messages(stamps, imu.gyro, imu.accel))
+        with open_log(log) as opened:
+            assert (prepare(opened, ProcessConfig()).survey.even is not None) == found
 
 
 def test_a_long_gap_makes_no_stamps_uneven(tmp_path):
