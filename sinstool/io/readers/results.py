@@ -260,7 +260,8 @@ class ResultReader:
         if odometry is not None:
             local = self._from_world(odometry["position"])
             body = turn_body(odometry["velocity"], self._axes)
-            columns["velocity_n"] = rotate(q_nb, body)
+            velocity_n = rotate(q_nb, body)
+            columns["velocity_n"] = velocity_n
             if "pose" in present:
                 pose = odometry["pose_covariance"].reshape(-1, 6, 6)
                 columns["covariance_position_n"] = self._turned(pose[:, :3, :3])
@@ -271,7 +272,7 @@ class ResultReader:
                 twist = _unknown(c_nb @ twist @ np.swapaxes(c_nb, 1, 2))
                 if "pose" in present:
                     attitude = self._turned(pose[:, 3:, 3:])
-                    twist = twist - of_turned(columns["velocity_n"], attitude)
+                    twist = twist - of_turned(velocity_n, attitude)
                 columns["covariance_velocity_n"] = twist
         elif "pose" in values and "fix" in values:
             local = self._from_world(values["pose"]["position"])
