@@ -13,9 +13,10 @@ from sinstool.survey.even_stamps import SAME, EvenStamps, even_stamps
 from sinstool.survey.imu import CONFLICTING, Survey
 from sinstool.survey.samples import SampleCache, samples_again
 
-# Stamps that vary by more of an interval may be of receipt.
+# Stamps that vary by more of an interval may be of receipt, which is worth to know where it turns
+# samples by more than noise does.
 JITTER = 0.05
-# Intervals that vary by more say nothing of lost samples.
+# Intervals that vary by more say nothing of lost samples, either.
 UNEVEN = 0.2
 # Or samples are so many times further apart in the mean than most of them.
 BATCHES = 2.0
@@ -56,7 +57,8 @@ def even_where_late(
         return found
     again = samples_again(log, topic, units, found, samples, found.first_ns)
     increments = options.sample_kind == "increment"
-    even = even_stamps(again, increments, options.imu_stamps == "even")
+    slight = not (sampled_unevenly(found) or _in_batches(found))
+    even = even_stamps(again, increments, options.imu_stamps == "even", slight)
     if even is None or even.most_ns < SAME * even.usual_ns:
         return found  # a gap makes the mean interval longer, but no stamp uneven
     return _evened(found, even, options)
@@ -68,7 +70,11 @@ def jitters(found: Survey, options: InputOptions) -> bool:
         return False
     if options.imu_stamps == "even" or _spread_beyond(found, JITTER):
         return True
-    # In batches of ten and more nine of ten intervals are equally short
+    return _in_batches(found)
+
+
+def _in_batches(found: Survey) -> bool:
+    """Whether samples come in batches of ten and more: nine of ten intervals are equally short."""
     return found.last_ns - found.first_ns > BATCHES * found.count * found.interval_ns
 
 

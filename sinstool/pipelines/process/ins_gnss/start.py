@@ -315,7 +315,9 @@ def _drifting(
     if min(factors.gyro, factors.accel) > MUCH_QUIETER or not start.arm_matters:
         return start
     # A quieter filter shows more of the antenna's place, and is turned further by a wrong one
-    settings = replace(first.settings, imu=used.imu, control=used.control)
+    settings = replace(
+        first.settings, imu=used.imu, control=used.control, grade=start.settings.grade
+    )
     begun = replace(first, settings=settings, grade=start.grade, noisier_gyros=start.noisier_gyros)
     with suppress(AlignmentError):
         return _timed_unless(source, config, algorithm, begun, start)
