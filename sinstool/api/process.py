@@ -270,7 +270,9 @@ def process_one(
     with commit_together():
         result = run_process(log, output, config, progress, sink)
         if recorder is not None and config.output.truth:
-            result = replace(result, truth=recorder.errors())
+            errors = recorder.errors()
+            doubts = () if errors is None else errors.findings
+            result = replace(result, truth=errors, findings=(*result.findings, *doubts))
         if report is not None and recorder is not None:
             from sinstool.report.pages.process import write_page
 

@@ -13,6 +13,7 @@ import click
 
 from sinstool.cli.batch import BatchOptions, workers_of
 from sinstool.cli.console import plain, warn
+from sinstool.report.text.status import shown_status
 from sinstool.report.text.table import columns
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def log_table(
 ) -> None:
     """Print a line for each log: its status, its path, and the columns that `cells` makes."""
     lines = [
-        (row["status"], str(log.path), *cells(row)) for log, row in zip(logs, rows, strict=True)
+        (shown_status(row), str(log.path), *cells(row)) for log, row in zip(logs, rows, strict=True)
     ]
     columns(("status", "log", *header), lines)
 
@@ -197,7 +198,7 @@ def finish(
         table()
     _warn_together(names, rows)
     if not batch.quiet:
-        words = sorted(row["status"] for row in rows)
+        words = sorted(shown_status(row) for row in rows)
         counted = [f"{words.count(word)} {word}" for word in dict.fromkeys(words)]
         logs = "log" if len(rows) == 1 else "logs"
         click.echo(f"{len(rows)} {logs}: {', '.join(counted)}{where}", err=batch.as_json)

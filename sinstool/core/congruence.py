@@ -33,6 +33,42 @@ def turned_back(q: FloatArray, m: FloatArray, sign: FloatArray) -> FloatArray:
     return out
 
 
+def of_turned(v: FloatArray, turn: FloatArray) -> FloatArray:
+    """Covariances of vectors that are turned by uncertain small angles: ``[v x] T [v x]^T``.
+
+    Parameters
+    ----------
+    v : ndarray, shape (n, 3)
+    turn : ndarray, shape (n, 3, 3)
+        Covariances of the angles about the same axes, rad^2.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        Symmetric to the last bit.
+    """
+    out = np.empty(turn.shape)
+    _of_turned(np.ascontiguousarray(v), np.ascontiguousarray(turn), out)
+    return out
+
+
+@kernel(vectorizes=False)
+def _of_turned(v: FloatArray, turn: FloatArray, out: FloatArray) -> None:
+    for n in range(len(v)):
+        x, y, z = v[n, 0], v[n, 1], v[n, 2]
+        rows = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
+        one = turn[n]
+        for i, (a, b, c) in enumerate(rows):
+            p = a * one[0, 0] + b * one[1, 0] + c * one[2, 0]
+            q = a * one[0, 1] + b * one[1, 1] + c * one[2, 1]
+            r = a * one[0, 2] + b * one[1, 2] + c * one[2, 2]
+            for j, (d, e, f) in enumerate(rows):
+                if j <= i:
+                    total = p * d + q * e + r * f
+                    out[n, i, j] = total
+                    out[n, j, i] = total
+
+
 @kernel(vectorizes=False)
 def _turned_back(q: FloatArray, m: FloatArray, sign: FloatArray, out: FloatArray) -> None:
     for n in range(len(q)):

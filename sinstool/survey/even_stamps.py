@@ -63,6 +63,8 @@ BATCHES = 0.45
 # A regression on the stamps gives 0 for even samples and 1 if the stamps are right: the limit
 # between both, the sigmas from 0 beyond which it counts, and the samples after which it is decided.
 HALF_WAY, BELIEVED, SHOWN = 0.5, 4.0, 200_000
+# Variance of a sixth difference of white noise, over that of the noise.
+SIXTH = 924.0
 
 
 @dataclass(frozen=True)
@@ -148,7 +150,9 @@ class EvenStamps:
             line, number = int(first[-1]), int(numbers[-1]) + 1
 
 
-def even_stamps(blocks: Iterable[Imu], increments: bool, surely: bool = False) -> EvenStamps | None:
+def even_stamps(
+    blocks: Iterable[Imu], increments: bool, surely: bool = False, slight: bool = False
+) -> EvenStamps | None:
     """Even times of samples, if their sensor takes them evenly.
 
     Parameters
@@ -159,6 +163,8 @@ def even_stamps(blocks: Iterable[Imu], increments: bool, surely: bool = False) -
         Samples are increments, not rates.
     surely : bool, optional
         The sensor is known to take them evenly.
+    slight : bool, optional
+        Stamps vary by little, and none is given where that turns less than the sensor's noise.
 
     Returns
     -------
@@ -183,6 +189,8 @@ def even_stamps(blocks: Iterable[Imu], increments: bool, surely: bool = False) -
     if not surely:
         imu = concatenate(shown)
         if not _steady(even, stamp_ns) or _right(even, imu, increments) or _lacking(even, imu):
+            return None
+        if slight and not _matters(even, imu, increments):
             return None
     return _lines(stamp_ns, True)
 
@@ -447,7 +455,9 @@ def _lacking(even: EvenStamps, imu: Imu) -> bool:
     # Where more than half of the samples are missing, most intervals are several usual ones
     shortest = quantile(steps, SHARE)
     if shortest > SHORT * usual:
-        usual = float(median(steps[steps <= MISSED * shortest]))
+        # Those that arrive together are no intervals of a sensor
+        apart = steps[steps > SHORT * usual]
+        usual = float(median(apart[apart <= MISSED * shortest]))
     off = np.abs(steps - usual * np.maximum(np.rint(steps / usual), 1.0))
     if quantile(off, ON_GRID) > GRID * usual:
         return False
@@ -483,6 +493,21 @@ def _right(even: EvenStamps, imu: Imu, increments: bool) -> bool:
     factor = float(np.sum(residual * expected)) / square
     sigma = float(np.sqrt(np.sum((residual - factor * expected) ** 2 * expected**2))) / square
     return factor > HALF_WAY and factor > BELIEVED * sigma
+
+
+def _matters(even: EvenStamps, imu: Imu, increments: bool) -> bool:
+    """Whether late stamps turn a sample by more than the noise of the gyros does.
+
+    Delays do not add up, so what is left of them is the change of the rate in the meantime. Of
+    smooth motion sixth differences show only the noise; what shakes counts as noise here.
+    """
+    (block,) = even.applied([imu])
+    late_s = float(np.std((imu.time_ns - block.time_ns) / SECOND))
+    interval = even.usual_ns / SECOND
+    rate = imu.gyro / interval if increments else imu.gyro
+    change = float(np.mean(np.square(np.diff(rate, axis=0))))
+    noise = float(np.mean(np.square(np.diff(rate, 6, axis=0)))) / SIXTH
+    return late_s**2 * change > interval**2 * noise
 
 
 def _between(values: FloatArray) -> FloatArray:

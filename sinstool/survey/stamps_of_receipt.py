@@ -13,8 +13,11 @@ from sinstool.survey.even_stamps import SAME, EvenStamps, even_stamps
 from sinstool.survey.imu import CONFLICTING, Survey
 from sinstool.survey.samples import SampleCache, samples_again
 
-# Stamps that vary by more of an interval may be of receipt.
-JITTER = 0.2
+# Stamps that vary by more of an interval may be of receipt, which is worth to know where it turns
+# samples by more than noise does.
+JITTER = 0.05
+# Intervals that vary by more say nothing of lost samples, either.
+UNEVEN = 0.2
 # Or samples are so many times further apart in the mean than most of them.
 BATCHES = 2.0
 # Share of samples with another's stamp, but other values, from which on it is worth to read the log
@@ -54,7 +57,8 @@ def even_where_late(
         return found
     again = samples_again(log, topic, units, found, samples, found.first_ns)
     increments = options.sample_kind == "increment"
-    even = even_stamps(again, increments, options.imu_stamps == "even")
+    slight = not (sampled_unevenly(found) or _in_batches(found))
+    even = even_stamps(again, increments, options.imu_stamps == "even", slight)
     if even is None or even.most_ns < SAME * even.usual_ns:
         return found  # a gap makes the mean interval longer, but no stamp uneven
     return _evened(found, even, options)
@@ -64,15 +68,24 @@ def jitters(found: Survey, options: InputOptions) -> bool:
     """Whether stamps jitter by so much that they may be of receipt."""
     if options.imu_stamps == "kept":
         return False
-    if options.imu_stamps == "even" or sampled_unevenly(found):
+    if options.imu_stamps == "even" or _spread_beyond(found, JITTER):
         return True
-    # In batches of ten and more nine of ten intervals are equally short
+    return _in_batches(found)
+
+
+def _in_batches(found: Survey) -> bool:
+    """Whether samples come in batches of ten and more: nine of ten intervals are equally short."""
     return found.last_ns - found.first_ns > BATCHES * found.count * found.interval_ns
 
 
 def sampled_unevenly(survey: Survey) -> bool:
     """Whether intervals differ by so much that a long one is no sign of a lost sample."""
-    return survey.even is None and survey.interval_spread_ns > JITTER * survey.interval_ns
+    return _spread_beyond(survey, UNEVEN)
+
+
+def _spread_beyond(survey: Survey, share: float) -> bool:
+    """Whether stamps as they are vary by more than this share of an interval."""
+    return survey.even is None and survey.interval_spread_ns > share * survey.interval_ns
 
 
 def _evened(found: Survey, even: EvenStamps, options: InputOptions) -> Survey:

@@ -96,6 +96,16 @@ def test_salvaged_is_lost(sinstool, logs, tmp_path):
         ("complete", 3),
         ("complete", 0),
     ]
+    # and the tables say which of them it is
+    status, printed, _ = sinstool(*arguments)
+    assert status == 3
+    assert [line.split("  ")[0] for line in printed.splitlines()[1:3]] == [
+        "complete (lost)",
+        "complete",
+    ]
+    assert "2 logs: 1 complete, 1 complete (lost)" in printed
+    table = (tmp_path / "out" / "summary.csv").read_text().splitlines()
+    assert [line.split(",")[1] for line in table[1:]] == ["complete (lost)", "complete"]
 
 
 def test_what_was_damaged_is_salvaged_later_and_nothing_else_fails(sinstool, logs, tmp_path):

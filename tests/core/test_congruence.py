@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sinstool.core.congruence import turned_back
-from sinstool.core.rotation import normalise, to_dcm
+from sinstool.core.congruence import of_turned, turned_back
+from sinstool.core.rotation import exp, normalise, to_dcm
 
 
 def some(count=7):
@@ -31,3 +31,16 @@ def test_of_columns_that_are_not_in_one_piece():
 
 def test_of_nothing():
     assert turned_back(np.empty((0, 4)), np.empty((0, 3, 3)), np.ones(3)).shape == (0, 3, 3)
+
+
+def test_uncertain_axes_make_a_vector_uncertain():
+    """As many draws of the axes scatter its components."""
+    rng = np.random.default_rng(6)
+    _, turn = some(4)
+    v, turn = 20.0 * rng.standard_normal((4, 3)), 1e-6 * turn
+    found = of_turned(v, turn)
+    np.testing.assert_array_equal(found, np.swapaxes(found, 1, 2))
+    for one, covariance, size in zip(v, turn, found, strict=True):
+        angles = rng.multivariate_normal(np.zeros(3), covariance, 40_000)
+        seen = np.cov((to_dcm(exp(angles)) @ one).T)
+        np.testing.assert_allclose(size, seen, atol=0.03 * np.trace(seen))

@@ -124,13 +124,15 @@ class Record:
 # --- trajectories ------------------------------------------------------------------------------
 
 
-def drive(seed, duration=3600.0, rest=120.0):
+def drive(seed, duration=3600.0, rest=120.0, rough=1.0):
     """A car: up to 25 m/s, a sixth of the time at rest, turns, hills and a rough road.
 
     Parameters
     ----------
     duration, rest : float
         In all, and at rest at the start, s.
+    rough : float
+        How much the road shakes it; 0 for a floor.
     """
     random = np.random.default_rng([seed, 1])
     t = np.arange(0.0, duration, 1.0 / RATE)
@@ -145,7 +147,7 @@ def drive(seed, duration=3600.0, rest=120.0):
         slope += 0.012 * np.cos(2.0 * np.pi * way / length + phase)
     level = speed / np.sqrt(1.0 + slope**2)
     forward = np.gradient(speed, t)
-    shaking = np.minimum(speed / 15.0, 1.0)[:, None]
+    shaking = rough * np.minimum(speed / 15.0, 1.0)[:, None]
     velocity = np.stack([level * np.cos(heading), level * np.sin(heading), -level * slope], axis=1)
     velocity += shaking * (np.array([0.006, 0.006, 0.015]) * band_noise(random, t, 1.5, 9.0))
     angles = np.stack(

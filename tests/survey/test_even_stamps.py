@@ -50,6 +50,7 @@ def received_at(time_ns, late_ns):
 @example(279, 12.0)
 @example(2048, 12.0)
 @example(1032, 12.0)
+@example(0, 2.3125)
 @settings(max_examples=20, deadline=None)
 def test_stamps_of_receipt_give_even_times(seed, scale_ms):
     """Late by exponential times, even by more than an interval: their median remains."""
@@ -279,6 +280,27 @@ def test_a_log_with_stamps_of_receipt(jittering):
         later = concatenate(list(imu_blocks(source, middle)))
         np.testing.assert_array_equal(later.time_ns, whole.time_ns[15_001:])
         np.testing.assert_array_equal(later.gyro, whole.gyro[15_001:])
+
+
+@pytest.mark.parametrize(
+    ("jitter", "hertz", "even"),
+    [(0.02, 6.0, False), (0.1, 6.0, True), (0.1, 0.5, False), (0.3, 0.5, True)],
+)
+def test_stamps_that_vary_by_little_are_kept_unless_it_turns_more_than_noise(
+    tmp_path, jitter, hertz, even
+):
+    """Over such intervals a sensor that cones at 6 Hz would turn by wrong angles."""
+    times = even_times(6000)
+    spread = jitter * INTERVAL * np.random.default_rng(2).uniform(-1.0, 1.0, len(times))
+    stamps = times + spread.astype(np.int64)
+    noise = samples(times, times, 0.0).gyro
+    for taken, found in ((times, even), (stamps, False)):
+        phase = 2.0 * np.pi * hertz * (taken - T0) * 1e-9
+        gyro = noise + 0.3 * np.stack([np.cos(phase), np.sin(phase), 0.0 * phase], axis=1)
+        accel = np.tile([0.0, 0.0, 9.81], (len(taken), 1))
+        log = write_log(tmp_path / "log.mcap", imu_messages(stamps, gyro, accel))
+        with open_log(log) as opened:
+            assert (prepare(opened, ProcessConfig()).survey.even is not None) == found
 
 
 def test_a_long_gap_makes_no_stamps_uneven(tmp_path):

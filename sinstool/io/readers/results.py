@@ -9,6 +9,7 @@ from functools import reduce
 
 import numpy as np
 
+from sinstool.core.congruence import of_turned
 from sinstool.core.errors import DataError, TopicError, UnsupportedLogError
 from sinstool.core.rotation import from_euler, rotate, to_dcm
 from sinstool.core.streams import Solution
@@ -259,7 +260,8 @@ class ResultReader:
         if odometry is not None:
             local = self._from_world(odometry["position"])
             body = turn_body(odometry["velocity"], self._axes)
-            columns["velocity_n"] = rotate(q_nb, body)
+            velocity_n = rotate(q_nb, body)
+            columns["velocity_n"] = velocity_n
             if "pose" in present:
                 pose = odometry["pose_covariance"].reshape(-1, 6, 6)
                 columns["covariance_position_n"] = self._turned(pose[:, :3, :3])
@@ -267,7 +269,11 @@ class ResultReader:
             if "velocity" in present:
                 twist = odometry["twist_covariance"].reshape(-1, 6, 6)[:, :3, :3]
                 c_nb = turn_body(to_dcm(q_nb), self._axes)
-                columns["covariance_velocity_n"] = _unknown(c_nb @ twist @ np.swapaxes(c_nb, 1, 2))
+                twist = _unknown(c_nb @ twist @ np.swapaxes(c_nb, 1, 2))
+                if "pose" in present:
+                    attitude = self._turned(pose[:, 3:, 3:])
+                    twist = twist - of_turned(velocity_n, attitude)
+                columns["covariance_velocity_n"] = twist
         elif "pose" in values and "fix" in values:
             local = self._from_world(values["pose"]["position"])
         if "fix" in values:

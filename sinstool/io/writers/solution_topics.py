@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from sinstool.core import earth
-from sinstool.core.congruence import turned_back
+from sinstool.core.congruence import of_turned, turned_back
 from sinstool.core.rotation import conjugate, multiply, rotate, to_euler
 from sinstool.core.streams import Diagnostics, Solution
 from sinstool.io.readers.frames import enu_to_ned, enu_to_ned_covariance, q_for_log, turn_body
@@ -156,7 +156,10 @@ def _tf(r: Rows) -> Columns:
 
 
 def _odometry(r: Rows) -> Columns:
-    """Pose in the world frame, twist in the body's (REP-105 and nav_msgs/Odometry)."""
+    """Pose in the world frame, twist in the body's (REP-105 and nav_msgs/Odometry).
+
+    A velocity over ground that is known well is known no better in the body's axes than these are.
+    """
     s = r.solution
     assert r.position is not None and s.velocity_n is not None
     body_velocity = rotate(conjugate(s.q_nb), s.velocity_n)
@@ -171,7 +174,10 @@ def _odometry(r: Rows) -> Columns:
         columns |= _block("pose.covariance", 0, r.turned_position)
         columns |= _block("pose.covariance", 3, r.turned_attitude)
     if s.covariance_velocity_n is not None:
-        columns |= _block("twist.covariance", 0, r.in_body(s.covariance_velocity_n))
+        covariance = s.covariance_velocity_n
+        if s.covariance_attitude_n is not None:
+            covariance = covariance + of_turned(s.velocity_n, s.covariance_attitude_n)
+        columns |= _block("twist.covariance", 0, r.in_body(covariance))
     return columns
 
 

@@ -30,7 +30,7 @@ from sinstool.methods.attitude_smoother.heading_update import (
 )
 from sinstool.methods.attitude_smoother.model import EPOCH_S
 
-Refusal = Literal["", "short", "size", "disturbed", "scatter", "steep"]
+Refusal = Literal["", "short", "size", "disturbed", "scatter", "steep", "reversed"]
 
 # Length of a piece, s: within it heading drifts by less than a hard iron turns it.
 PIECE_S = 30.0
@@ -96,8 +96,9 @@ class Compass:
     ----------
     refused : str
         '' where it is used; else ``short`` (too few epochs), ``size`` (not the Earth's field),
-        ``disturbed`` (too few are trusted), ``scatter`` (the headings do not agree with the gyros)
-        or ``steep`` (the horizontal field is too small).
+        ``disturbed`` (too few are trusted), ``scatter`` (the headings do not agree with the
+        gyros), ``steep`` (the horizontal field is too small) or ``reversed`` (it points up where
+        that of the place points down, or down for up).
     north : North or None
         None where it is refused.
     hard_iron : HardIron or None
@@ -183,6 +184,8 @@ def find_north(
         abs(size / expected.size - 1.0) < SIZE_OF_PLACE and abs(dip - expected.dip) < DIP_OF_PLACE
     )
     compass = replace(compass, scatter=scatter, of_place=of_place)
+    if expected is not None and abs(expected.dip) > DIP_OF_PLACE > abs(dip + expected.dip):
+        return replace(compass, refused="reversed")
     if scatter > MOST_SCATTER:
         return replace(compass, refused="scatter")
     apart = max(float(np.median(np.diff(seconds))), EPOCH_S)
@@ -197,7 +200,9 @@ def find_north(
     start = float(middle + np.median(wrapped(first - middle)))
     unseen = UNSEEN_IRON * size
     left = np.hypot(LEFT * size, iron.sigma if iron.seen and of_place else unseen)
-    variance = left**2 / (size * np.cos(dip)) ** 2
+    # What bends the field up or down bends it sideways as well
+    bent = 0.0 if expected is None or not of_place else size * (dip - expected.dip)
+    variance = (left**2 + bent**2) / (size * np.cos(dip)) ** 2
     return replace(compass, north=North(rows, start, float(variance)))
 
 

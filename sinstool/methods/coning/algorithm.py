@@ -65,6 +65,17 @@ class ConingAlgorithm(ABC):
         """Intervals per update."""
         return 1
 
+    def caveats(self, gyro_kind: str) -> tuple[str, ...]:
+        """Warnings for a user who chooses it, for samples of this kind."""
+        late = ""
+        if self.takes == "rates" and gyro_kind != "rate":
+            late = (
+                f"{self.name} takes each sample for the rate at its stamp, but samples are means"
+                " over the interval before it: the attitude is half an interval late, and coning"
+                " is compensated in part only"
+            )
+        return tuple(text for text in (self.caveat, late) if text)
+
     def rotation_vectors(self, x: ArrayLike, dt: ArrayLike, first: int, count: int) -> FloatArray:
         """Rotation vectors of `count` consecutive updates.
 

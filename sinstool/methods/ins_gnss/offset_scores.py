@@ -12,7 +12,7 @@ import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.parts import kernel
-from sinstool.core.rotation import exp, multiply, normalise, skew, to_dcm
+from sinstool.core.rotation import conjugate, exp, multiply, normalise, skew, to_dcm
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
 from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -28,6 +28,7 @@ _SETTLED_S = 20.0  # the first innovations contain errors of the start that are 
 _MOST_OFF = 1e6  # largest V, in SI units, of a filter that has not diverged
 _TOLERANCE_NS = 200
 _FAR = 3.0  # innovations beyond this many times the usual one of the log are weighted down
+_KEPT_S = 10.0  # over which gyros keep the attitude better than a fix shows it
 _STRETCH_S = 15.0  # scores of different stretches of this length are independent
 
 
@@ -273,7 +274,8 @@ def _rows_of_fixes(
     some = np.unique(beside.clip(0, len(seconds) - 1))
     rate = updates.omega_ib_b[some]
     turn = exp(np.where(some > 0, interval[some], 0.0)[:, None] * rate)
-    c_nb = to_dcm(multiply(before[some], turn))
+    quiet = _without_noise(before, updates, interval, seconds)
+    c_nb = to_dcm(multiply(quiet[some], turn))
     arm = np.asarray(run.settings.lever_arm_b)
     # The rate times the arm, as a row
     swing = np.einsum("kij,kj->ki", c_nb, rates[some] @ skew(arm))
@@ -297,3 +299,26 @@ def _rows_of_fixes(
     d[:, :3, 1:] = -c_nb[k]
     d[:, 3:, 1:] = -c_nb[k] @ skew(followed)
     return h, d
+
+
+def _without_noise(
+    before: FloatArray, updates: UpdateColumns, interval: FloatArray, seconds: FloatArray
+) -> FloatArray:
+    """Attitudes before each update, (n, 4), less the noise that the filter's corrections bring.
+
+    Each correction follows the noise of a fix. An antenna on an arm moves with an attitude that
+    jumps about, so that such noise would look like motion that shows the arm, and, where a filter
+    takes its sensors for worse than they are, like one that agrees with the innovations. So the sum
+    of all corrections is replaced by its mean over some seconds, in which gyros keep the attitude.
+    """
+    turn = exp(interval[:, None] * updates.omega_ib_b)
+    carried = multiply(before, turn)
+    carried[0] = updates.q_nb[0]
+    step = multiply(updates.q_nb, conjugate(carried))
+    total = np.cumsum(2.0 * step[:, 1:] * np.sign(step[:, :1]), axis=0)
+    first = np.searchsorted(seconds, seconds - _KEPT_S)
+    last = np.searchsorted(seconds, seconds + _KEPT_S, side="right")
+    summed = np.concatenate([np.zeros((1, 3)), np.cumsum(total, axis=0)])
+    mean = (summed[last] - summed[first]) / (last - first)[:, None]
+    there = np.concatenate([np.zeros((1, 3)), total[:-1]])
+    return np.asarray(multiply(exp(mean - there), before))

@@ -114,8 +114,7 @@ class AttitudeMode(Mode):
         ]
         if vertical is not None:
             findings += warned("height", vertical.warnings())
-        if settings.algorithm.caveat:
-            findings.append(Finding("coning", settings.algorithm.caveat))
+        findings += warned("coning", settings.algorithm.caveats(settings.gyro_kind))
         if self._run.missed_rotation:
             turned = self._run.missed_rotation / DEGREE
             what = "attitude" if self._smoothing is None else "heading"

@@ -8,6 +8,7 @@ import numpy as np
 
 from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding, Severity
+from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Solution
 from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.correction import Correction
@@ -28,6 +29,9 @@ from sinstool.survey.source import Source
 
 # Share of the time with a disturbed field from which a finding is given.
 DISTURBED = 0.1
+# A given declination that differs by more from that of the model is doubted: local anomalies of
+# some degrees are rare.
+DECLINATION_OFF = 5.0 * DEGREE
 REFUSALS = {
     "short": "it has less than ten seconds of data",
     "size": "its field of {size:.3g} uT is not the Earth's (20 to 70 uT)",
@@ -36,6 +40,8 @@ REFUSALS = {
     "scatter": "its headings scatter by {scatter:.0f} deg about those of the gyros: it may be"
     " disturbed, or its axes are not the IMU's",
     "steep": "its field dips by {dip:.0f} deg: too little of it is horizontal to show north",
+    "reversed": "its field points {way} by {dip:.0f} deg, but at this place it should point"
+    " {other}: its axes are turned round, or the latitude has the wrong sign",
 }
 
 
@@ -136,6 +142,8 @@ class MagneticHeading:
                 trusted=100.0 * compass.trusted,
                 scatter=compass.scatter / DEGREE,
                 dip=abs(compass.dip) / DEGREE,
+                way="down" if compass.dip > 0.0 else "up",
+                other="up" if compass.dip > 0.0 else "down",
             )
             yield Finding(
                 "magnetometer-refused",
@@ -198,13 +206,29 @@ class MagneticHeading:
                 topic=topic,
                 numbers={"share": disturbed},
             )
-        if self._declination is None:
-            yield Finding(
-                "magnetic-north",
-                "heading counts from magnetic north, as the declination is not known",
-                severity=Severity.NOTE,
-                answer="give --declination, or --latitude and --longitude where stamps are dates",
-            )
+        yield from _about_declination(self._declination, self._expected)
+
+
+def _about_declination(declination: float | None, expected: EarthField | None) -> Iterator[Finding]:
+    """Whether north is magnetic, or true by a declination, rad, that the place has not."""
+    if declination is None:
+        yield Finding(
+            "magnetic-north",
+            "heading counts from magnetic north, as the declination is not known",
+            severity=Severity.NOTE,
+            answer="give --declination, or --latitude and --longitude where stamps are dates",
+        )
+    elif (
+        expected is not None and abs(wrapped(declination - expected.declination)) > DECLINATION_OFF
+    ):
+        given, right = declination / DEGREE, expected.declination / DEGREE
+        yield Finding(
+            "declination",
+            f"the declination is given as {given:.1f} deg, but at this place and time it is"
+            f" {right:.1f} deg (positive to the east)",
+            answer="correct --declination, or leave it out",
+            numbers={"given_deg": given, "model_deg": right},
+        )
 
 
 def _expected(source: Source) -> EarthField | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import TopicError
+from sinstool.core.finding import Finding
 from sinstool.core.rotation import conjugate, exp, log, multiply, tilt_and_heading, wrapped
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND, sorted_stream
@@ -20,6 +21,8 @@ from sinstool.io.readers.truth import at_times, read_truth
 
 # Reference values further apart than this are not interpolated.
 LONGEST_NS = 2 * SECOND
+# Verticals of a result and of a reference that differ by more, deg, are not of the same body.
+OTHER_AXES_DEG = 15.0
 # Key, unit, and its size in SI units.
 KINDS = (("attitude", "deg", DEGREE), ("position", "m", 1.0), ("velocity", "m/s", 1.0))
 
@@ -167,6 +170,24 @@ class RunErrors:
     vertical_deg: VerticalErrors | None = None
     position_m: AxisErrors | None = None
     velocity_m_s: AxisErrors | None = None
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Whether the reference seems not to be one of this attitude."""
+        apart = self.vertical_deg
+        if apart is None or apart.inclination_rms < OTHER_AXES_DEG:
+            return ()
+        return (
+            Finding(
+                "truth-axes",
+                "the verticals of --truth and of the result differ by"
+                f" {apart.inclination_rms:.0f} deg: the reference may be in other axes, from world"
+                " to body, a placeholder or of other times, and then these are no errors",
+                answer="give orientations from body to world, Forward-Left-Up in East-North-Up, or"
+                " with --body-axes frd Forward-Right-Down in North-East-Down",
+                numbers={"inclination_deg": apart.inclination_rms},
+            ),
+        )
 
     def kinds(self) -> Iterator[tuple[str, str, AxisErrors]]:
         """What was compared: its name, unit and errors."""

@@ -291,9 +291,7 @@ def difference_to_gnss(last: Solution | None, gnss: GnssEpochs | None) -> GnssDi
 
 
 def _run_warnings(run: InsRun) -> list[str]:
-    notes = []
-    if run.settings.algorithm.caveat:
-        notes.append(run.settings.algorithm.caveat)
+    notes = list(run.settings.algorithm.caveats(run.settings.gyro_kind))
     if run.gaps_s:
         notes.append(
             f"{in_seconds(run.gaps_s, 3)} are without IMU data: gaps up to {MAX_HOLD:g} s are"

@@ -14,6 +14,7 @@ from sinstool.core.whole_file import write_table, write_whole
 from sinstool.report.markup import markup
 from sinstool.report.sections import Column, Fact, Link, Page, Prose, Section, Table
 from sinstool.report.text.account import distance, duration
+from sinstool.report.text.status import ORDER, shown_status
 
 INDEX, TABLE = "index.html", "summary.csv"
 TITLE = "Many logs"
@@ -29,8 +30,6 @@ COLUMNS = (
     "page",
     "error",
 )
-# From the worst on, as a reader looks for what went wrong
-ORDER = ("failed", "missing", "lost", "done", "complete")
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class Entry:
     @property
     def status(self) -> str:
         """Status, as in the table on the terminal."""
-        return str(self.row["status"])
+        return shown_status(self.row)
 
     @property
     def kinds(self) -> tuple[str, ...]:

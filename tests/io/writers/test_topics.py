@@ -92,7 +92,12 @@ def test_odometry_fix_and_height(tmp_path, encoding, axes, world):
     )
     twist = np.array(m.twist.covariance).reshape(6, 6)[:3, :3]
     c_nb = (q * flip)[3].as_matrix()
-    np.testing.assert_allclose(c_nb @ twist @ c_nb.T, made.covariance_velocity_n[3], atol=1e-12)
+    x, y, z = made.velocity_n[3]
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    turned = across @ made.covariance_attitude_n[3] @ across.T
+    np.testing.assert_allclose(
+        c_nb @ twist @ c_nb.T, made.covariance_velocity_n[3] + turned, rtol=1e-12, atol=1e-12
+    )
 
     fix = [m for _, m in read_topic(path, "/sinstool/fix")][4]
     assert np.radians(fix.latitude) == pytest.approx(made.position[4, 0], abs=1e-15)

@@ -346,6 +346,31 @@ def test_a_field_that_is_not_that_of_the_place_verifies_nothing(dip, size, of_pl
     assert (found.north.variance > (20.0 * DEGREE) ** 2) == (not of_place)
 
 
+def of_a_place(made, dip_deg):
+    expected = EarthField(0.1, dip_deg * DEGREE, SIZE)
+    return find_north(made.epochs, made.measured, made.before.q[:-1], 0.0, expected)
+
+
+def test_a_field_that_points_up_where_it_should_point_down_is_refused():
+    """By a sensor with all axes turned round, all headings would be off by half a turn."""
+    assert of_a_place(run(18, field=earth(-60.0)), 64.0).refused == "reversed"
+    assert of_a_place(run(18, field=earth(60.0)), -64.0).refused == "reversed"
+    assert of_a_place(run(18, field=earth(60.0)), 64.0).refused == ""
+    # Near the magnetic equator the sign of the dip says nothing
+    assert of_a_place(run(18, field=earth(-9.0)), 8.0).refused == ""
+
+
+def test_headings_of_a_field_that_iron_nearby_bends_are_as_uncertain_as_it_is_bent():
+    rng, squares = np.random.default_rng(3), []
+    for seed in range(20):
+        bend = 3e-6 * rng.standard_normal(3)
+        found = of_a_place(run(seed, field=earth(64.0) + bend), 64.0)
+        assert found.of_place
+        heading = np.arctan2(bend[1], earth(64.0)[0] + bend[0])
+        squares.append(heading**2 / found.north.variance)
+    assert 0.3 < np.mean(squares) < 2.5
+
+
 @pytest.mark.parametrize("year", [1970, 2009, 2031])
 def test_there_is_no_declination_for_other_years(year):
     time_ns = round((year - 1970.0) * 365.2425 * 86400e9) + 10**15

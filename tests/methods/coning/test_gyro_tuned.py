@@ -152,6 +152,16 @@ def test_without_bands_they_follow_the_sampling_rate():
     np.testing.assert_array_equal(design(12, 0.15, 0.275), relative.weights)
 
 
+@pytest.mark.parametrize("kind", ["rate", "mean-rate", "increment"])
+def test_an_algorithm_for_rates_says_what_it_makes_of_means(kind):
+    texts = algorithm("singular-perturbation").caveats(kind)
+    assert len(texts) == (kind != "rate")
+    assert all("half an interval late" in text for text in texts)
+    assert algorithm("previous-3").caveats(kind) == ()
+    tuned = algorithm("gyro-tuned", interval=0.005, passband=30.0, stopband=60.0)
+    assert tuned.caveats(kind) == (tuned.caveat,)
+
+
 def test_caveat_names_the_bands():
     chosen = tuned(12, 110.0)
     assert "60 Hz" in chosen.caveat

@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sinstool.api.process import process_one
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
+from sinstool.core.rotation import conjugate
 from sinstool.core.streams import Solution
+from sinstool.io.readers.frames import q_for_log
 from sinstool.pipelines.process.errors_against_truth import Errors, Truth
 from tests.helpers.optimal_filter import radii
+from tests.pipelines.process.test_magnetometer import T0, turning_log
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
@@ -115,3 +121,24 @@ def test_a_hole_in_the_truth_is_not_bridged():
     # instants of the truth itself are compared, on both sides of the hole
     assert compared[at <= times[4]].all() and compared[at >= times[5]].all()
     assert not compared[(at > times[4]) & (at < times[5])].any()
+
+
+@pytest.mark.parametrize("convention", ["right", "ned", "inverse", "placeholder"])
+def test_a_reference_of_another_convention_is_doubted(tmp_path, convention):
+    q_nb = turning_log(tmp_path / "log.mcap")
+    written = q_for_log(q_nb, "flu", "enu")
+    if convention == "ned":
+        written = q_nb
+    elif convention == "inverse":
+        written = conjugate(written)
+    elif convention == "placeholder":
+        written = np.tile([1.0, 0.0, 0.0, 0.0], (len(q_nb), 1))
+    table = tmp_path / "truth.csv"
+    times = 0.02 * np.arange(len(q_nb)) + T0 * 1e-9
+    rows = [f"{t:.9f},{w},{x},{y},{z}" for t, (w, x, y, z) in zip(times, written, strict=True)]
+    table.write_text("\n".join(["time_s,qw,qx,qy,qz", *rows]))
+    config = build(ProcessConfig, {"output": {"truth": (str(table),)}})
+    result = process_one(tmp_path / "log.mcap", None, None, config, None)
+    doubts = [f for f in result.findings if f.kind == "truth-axes"]
+    assert len(doubts) == (convention != "right")
+    assert all("these are no errors" in f.text for f in doubts)

@@ -26,7 +26,7 @@ T0 = 1_700_000_000_000_000_000  # 14 November 2023
 FIELD = earth(64.0, azimuth_deg=5.0)
 
 
-def turning_log(path, *, iron=(0.0, 0.0, 0.0), bad=False, oriented=False, seconds=60.0):
+def turning_log(path, *, iron=(0.0, 0.0, 0.0), bad=False, sign=1.0, oriented=False, seconds=60.0):
     """A body that turns where it stands, in FLU axes; its attitudes."""
     rng = np.random.default_rng(5)
     times, q = turning(seconds, rng)
@@ -34,6 +34,7 @@ def turning_log(path, *, iron=(0.0, 0.0, 0.0), bad=False, oriented=False, second
     gyro = np.concatenate([rate[:1], rate])
     force = rotate(conjugate(q), np.broadcast_to([0.0, 0.0, -9.81], (len(q), 3)))
     field = rotate(conjugate(q), np.broadcast_to(FIELD, (len(q), 3))) + np.array(iron)
+    field = sign * field
     if bad:
         field = 40e-6 * rng.standard_normal(field.shape)
     noise = 1e-3 * rng.standard_normal((2, len(q), 3))
@@ -261,3 +262,22 @@ def test_headings_that_an_attitude_does_not_follow_are_not_passed_over(off_deg, 
     found = findings_of(1.0, np.radians(off_deg))
     assert found.keys() == ({"field-denied"} if denied else set())
     assert all(finding.severity is Severity.LOST for finding in found.values())
+
+
+@pytest.mark.parametrize(("given", "doubted"), [(3.5, False), (-3.5, True), (12.0, True)])
+def test_a_declination_that_is_not_that_of_the_place_is_doubted(tmp_path, given, doubted):
+    turning_log(tmp_path / "log.mcap")
+    place = {"latitude": 48.0, "longitude": 11.0}
+    result, _ = processed(tmp_path / "log.mcap", tmp_path, declination=given, **place)
+    findings = [f for f in result.findings if f.kind == "declination"]
+    assert len(findings) == doubted
+    if doubted:
+        assert f"{given:.1f} deg" in findings[0].text and "4.0 deg" in findings[0].text
+
+
+def test_a_magnetometer_with_all_axes_turned_round_is_refused_by_name(tmp_path):
+    turning_log(tmp_path / "log.mcap", sign=-1.0)
+    place = {"latitude": 48.0, "longitude": 11.0}
+    result, _ = processed(tmp_path / "log.mcap", tmp_path, **place)
+    text = next(f.text for f in result.findings if f.kind == "magnetometer-refused")
+    assert "its field points up by 64 deg, but at this place it should point down" in text

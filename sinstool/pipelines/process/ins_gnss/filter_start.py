@@ -310,6 +310,12 @@ class FilterStart:
         return moment
 
     @property
+    def arm_matters(self) -> bool:
+        """Whether positions are less certain for the lever arm, which was not given, than fixes."""
+        arm = float(np.trace(self.offsets_error[1:, 1:]))
+        return self.arm_status != "given" and arm > self.fix_sigma_m**2
+
+    @property
     def fix_sigma_m(self) -> float:
         """Sigma of one horizontal axis of a fix, m, white and slow parts together."""
         noise = self.settings.gnss

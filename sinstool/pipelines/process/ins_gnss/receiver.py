@@ -170,8 +170,10 @@ def with_measured_noise(
     noisier = np.ones(3)
     stated = np.isfinite(gnss.sigma_position_n).any(axis=0)
     if options.gnss_noise_scale == 1.0 and options.gnss_sigma is None:
-        ratio = white / _whole(gnss_model(gnss, config)[0])
-        noisier = np.where(stated & (ratio > TOO_LITTLE), ratio, 1.0)
+        # Doubted with what wrong stamps add, but multiplied without: they add nothing to a stop
+        doubted = white > TOO_LITTLE * _whole(gnss_model(gnss, config)[0])
+        ratio = white / _whole(gnss_model(gnss, config, 0.0)[0])
+        noisier = np.where(stated & doubted, ratio, 1.0)
     words = AS_STATED
     if (noisier > 1.0).any():
         gnss = replace(gnss, sigma_position_n=noisier * gnss.sigma_position_n)

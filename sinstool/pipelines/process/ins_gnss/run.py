@@ -477,8 +477,8 @@ class FilterRun(Mode):
         def note(kind: str, text: str, severity: Severity = Severity.WARNING) -> None:
             findings.append(Finding(kind, text, severity))
 
-        if self.plan.algorithm.caveat:
-            note("coning", self.plan.algorithm.caveat)
+        for caveat in self.plan.algorithm.caveats(self.config.input.sample_kind):
+            note("coning", caveat)
         findings += self._shown
         findings += settings_used.notes(p, s, self.config, self._offsets_error)
         if p.time_ns > first_ns:

@@ -55,6 +55,8 @@ from sinstool.survey.source import Source
 
 # If the navigation drifts this many times as far as its sigmas, the IMU is of a worse grade.
 OTHER_GRADE = 2.0
+# If its noise by the drift is this share of what was assumed, the antenna is searched for anew.
+MUCH_QUIETER = 0.5
 
 
 def timed_start(
@@ -304,12 +306,22 @@ def _drifting(
     judged_by = "" if start.grade.by_drift else ", judged by its drift without fixes"
     why = f"{start.grade.why}; {factors} as noisy{judged_by}"
     used = drift.used(factors)
-    return replace(
+    start = replace(
         start,
         settings=replace(start.settings, imu=used.imu, control=used.control),
         grade=replace(start.grade, why=why),
         noisier_gyros=factors.gyro if start.grade.grade in LOW_COST else 1.0,
     )
+    if min(factors.gyro, factors.accel) > MUCH_QUIETER or not start.arm_matters:
+        return start
+    # A quieter filter shows more of the antenna's place, and is turned further by a wrong one
+    settings = replace(
+        first.settings, imu=used.imu, control=used.control, grade=start.settings.grade
+    )
+    begun = replace(first, settings=settings, grade=start.grade, noisier_gyros=start.noisier_gyros)
+    with suppress(AlignmentError):
+        return _timed_unless(source, config, algorithm, begun, start)
+    return start
 
 
 def _as_quiet_as_in_motion(

@@ -240,13 +240,20 @@ def test_only_axes_that_are_noisier_are_named(noisier, words):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("claims", "options", "expected"),
-    [(1.0, {}, 1.0), (0.2, {}, 5.0), (5.0, {}, 1.0), (0.2, {"gnss_noise_scale": 2.0}, 1.0)],
+    [
+        (1.0, {}, 1.0),
+        (0.2, {}, 5.0),
+        (0.02, {}, 50.0),  # less than what stamps add to it at speed
+        (5.0, {}, 1.0),
+        (0.2, {"gnss_noise_scale": 2.0}, 1.0),
+    ],
 )
 def test_fixes_are_as_noisy_as_they_show_and_no_less_than_the_receiver_says(
     tmp_path, claims, options, expected
 ):
     """A receiver that claimed a quarter of its noise left a smoother 0.5 m off at 8 sigmas."""
-    data = record(drive(4, 120.0, 10.0), GRADES["tactical"], 4, gnss_rate=2.0, sigma=0.4)
+    noise = {"sigma": 0.4, "sigma_v": 0.05 if claims < 0.1 else None}
+    data = record(drive(4, 120.0, 10.0), GRADES["tactical"], 4, gnss_rate=2.0, **noise)
     data = dataclasses.replace(
         data, fixes=dataclasses.replace(data.fixes, sigma=claims * data.fixes.sigma)
     )
