@@ -272,7 +272,10 @@ class ResultReader:
                 twist = _unknown(c_nb @ twist @ np.swapaxes(c_nb, 1, 2))
                 if "pose" in present:
                     attitude = self._turned(pose[:, 3:, 3:])
-                    twist = twist - of_turned(velocity_n, attitude)
+                    over_ground = twist - of_turned(velocity_n, attitude)
+                    # Results of before it was in there have less than that
+                    if not (np.einsum("nii->ni", over_ground) < 0.0).any():
+                        twist = over_ground
                 columns["covariance_velocity_n"] = twist
         elif "pose" in values and "fix" in values:
             local = self._from_world(values["pose"]["position"])
