@@ -12,7 +12,7 @@ import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.parts import kernel
-from sinstool.core.rotation import conjugate, exp, multiply, normalise, skew, to_dcm
+from sinstool.core.rotation import conjugate, exp, multiply, skew, to_dcm
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
 from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
@@ -250,10 +250,10 @@ def _rows_of_fixes(
     at = (valid_ns - updates.time_ns[0]) * 1e-9
     # Velocities and attitudes are those before the fix, carried on by the IMU: corrections of the
     # filter would bring the noise of its innovations into H and D.
-    before = np.concatenate([updates.q_nb[:1], updates.q_nb[:-1]])
-    sign = np.sign(np.sum(before * updates.q_nb, axis=1, keepdims=True))
+    turned = updates.omega_ib_b * interval[:, None]
+    quiet = _without_noise(updates.q_nb, turned, seconds)
     free = inertial_velocity(
-        normalise(before * sign + updates.q_nb),
+        multiply(quiet, exp(0.5 * turned)),
         updates.specific_force_b * interval[:, None],
         interval,
         updates.latitude,
@@ -264,7 +264,6 @@ def _rows_of_fixes(
     last = np.maximum(k - 1, 0)
     ends = np.clip([at - _HALF_S, at + _HALF_S], seconds[0], seconds[-1])
     # With the unfiltered rate, vibration included, the arm would come out too short
-    turned = updates.omega_ib_b * interval[:, None]
     rates = followed_rates(updates.time_ns, interval, turned)
     followed = np.column_stack([np.interp(at, seconds, column) for column in rates.T])
     # Only beside fixes: there are many more updates than these
@@ -274,12 +273,12 @@ def _rows_of_fixes(
     some = np.unique(beside.clip(0, len(seconds) - 1))
     rate = updates.omega_ib_b[some]
     turn = exp(np.where(some > 0, interval[some], 0.0)[:, None] * rate)
-    quiet = _without_noise(before, updates, interval, seconds)
     c_nb = to_dcm(multiply(quiet[some], turn))
     arm = np.asarray(run.settings.lever_arm_b)
     # The rate times the arm, as a row
     swing = np.einsum("kij,kj->ki", c_nb, rates[some] @ skew(arm))
-    seconds, free, velocity_n = seconds[some], free[some] + swing, updates.velocity_n[some]
+    corrected = _over_seconds(updates.velocity_n - free, seconds)[some]
+    seconds, free = seconds[some], free[some] + swing
     k, last = np.searchsorted(some, k), np.searchsorted(some, last)
 
     def moving(when: FloatArray) -> FloatArray:
@@ -294,16 +293,14 @@ def _rows_of_fixes(
     h[:, 3:, gyro : gyro + 3] = -c_nb[k] @ skew(arm)
     h[:, range(6), range(lasting, lasting + 6)] = -1.0
     d = np.zeros((len(k), 6, 4))
-    d[:, :3, 0] = (velocity_n + swing - free)[last] + moving(at)
+    d[:, :3, 0] = corrected[last] + moving(at)
     d[:, 3:, 0] = (moving(ends[1]) - moving(ends[0])) / np.maximum(ends[1] - ends[0], 1e-3)[:, None]
     d[:, :3, 1:] = -c_nb[k]
     d[:, 3:, 1:] = -c_nb[k] @ skew(followed)
     return h, d
 
 
-def _without_noise(
-    before: FloatArray, updates: UpdateColumns, interval: FloatArray, seconds: FloatArray
-) -> FloatArray:
+def _without_noise(q_nb: FloatArray, turned: FloatArray, seconds: FloatArray) -> FloatArray:
     """Attitudes before each update, (n, 4), less the noise that the filter's corrections bring.
 
     Each correction follows the noise of a fix. An antenna on an arm moves with an attitude that
@@ -311,14 +308,18 @@ def _without_noise(
     takes its sensors for worse than they are, like one that agrees with the innovations. So the sum
     of all corrections is replaced by its mean over some seconds, in which gyros keep the attitude.
     """
-    turn = exp(interval[:, None] * updates.omega_ib_b)
-    carried = multiply(before, turn)
-    carried[0] = updates.q_nb[0]
-    step = multiply(updates.q_nb, conjugate(carried))
+    before = np.concatenate([q_nb[:1], q_nb[:-1]])
+    carried = multiply(before, exp(turned))
+    carried[0] = q_nb[0]
+    step = multiply(q_nb, conjugate(carried))
     total = np.cumsum(2.0 * step[:, 1:] * np.sign(step[:, :1]), axis=0)
+    there = np.concatenate([np.zeros((1, 3)), total[:-1]])
+    return np.asarray(multiply(exp(_over_seconds(total, seconds) - there), before))
+
+
+def _over_seconds(total: FloatArray, seconds: FloatArray) -> FloatArray:
+    """Means of a column of vectors over some seconds about each row."""
     first = np.searchsorted(seconds, seconds - _KEPT_S)
     last = np.searchsorted(seconds, seconds + _KEPT_S, side="right")
     summed = np.concatenate([np.zeros((1, 3)), np.cumsum(total, axis=0)])
-    mean = (summed[last] - summed[first]) / (last - first)[:, None]
-    there = np.concatenate([np.zeros((1, 3)), total[:-1]])
-    return np.asarray(multiply(exp(mean - there), before))
+    return np.asarray((summed[last] - summed[first]) / (last - first)[:, None])
