@@ -313,14 +313,15 @@ def settle(
         seen.append((used, offsets.latency_s))
         if gated >= gates and abs(step) <= max(_AGREE_S, _AGREE * offsets.sigma_s):
             break
-        # While the latency is wrong, the gate would reject good fixes
-        gated |= gates and abs(step) <= max(_NEAR_S, offsets.sigma_s)
+        # While the latency is wrong, the gate would reject good fixes, and an arm explain its errors
+        near = abs(step) <= max(_NEAR_S, offsets.sigma_s)
+        gated |= gates and near
         slope = 0.0
         if before is not None and before[0] != used:
             slope = (offsets.latency_s - before[1]) / (used - before[0])
         before = used, offsets.latency_s
         following = used + step / (1.0 - min(max(slope, 0.0), _MOST_SLOPE))
-        arm_b = offsets.arm_elsewhere_b
+        arm_b = offsets.arm_elsewhere_b if near else None
         result = evaluate(following, arm_b, gated)
         if gated and (result is None or not result.observable):
             # From a bad start the gate rejects nearly all fixes, although they are good
