@@ -313,7 +313,7 @@ def settle(
         seen.append((used, offsets.latency_s))
         if gated >= gates and abs(step) <= max(_AGREE_S, _AGREE * offsets.sigma_s):
             break
-        # While the latency is wrong, the gate would reject good fixes, and an arm explain its errors
+        # While the latency is wrong, the gate would reject good fixes, an arm explain its errors
         near = abs(step) <= max(_NEAR_S, offsets.sigma_s)
         gated |= gates and near
         slope = 0.0
