@@ -89,7 +89,8 @@ class FilterUsed:
     gnss_noise : str
         Noise of the fixes, in words.
     gnss_latency_s : float
-        Latency of the fixes that is used, mean of positions and velocities.
+        Latency of the fixes that is used, mean of positions and velocities; in the middle of the
+        log, if the receiver's clock runs at another rate.
     gnss_latency : LatencyUsed
         Where it comes from.
     lever_arm_m : tuple of float

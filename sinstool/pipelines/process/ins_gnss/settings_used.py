@@ -52,10 +52,11 @@ def notes(
         and start.latency_status == "found"
         and settings.gnss_latency != 0.0
     ):
+        when = "" if start.clock.rate == 0.0 else " in the middle of the log"
         note(
             "latency-used",
             f"fixes are used as valid {_shift(settings.gnss_latency, 'before', 'after')} their"
-            f" stamps (sigma {start.offsets.sigma_s:.4f} s), as the log shows; --gnss-latency"
+            f" stamps{when} (sigma {start.offsets.sigma_s:.4f} s), as the log shows; --gnss-latency"
             " overrides this",
         )
     if start.clock.rate != 0.0:

@@ -43,7 +43,7 @@ class WholeLogLatency:
     Attributes
     ----------
     latency_s : float
-        The latency to use, s.
+        The latency to use, s: with a clock of another rate, that in the middle of the log.
     offsets : ReceiverOffsets
         The estimate about it, with its sigma and the lever arm.
     clock : ClockRate
@@ -122,6 +122,11 @@ def latency_of_whole_log(
 
     first = start.settings.gnss_latency
     clock = _clock_rate(lambda so_far, share: about(first, so_far, False, share))
+    if clock.rate != 0.0:
+        # It may be that of a part; the latency is to be that in the middle of the whole
+        middle_ns = begin_ns + span_ns // 2
+        first += clock.latency_at(middle_ns)
+        clock = replace(clock, middle_ns=middle_ns)
     used, found, agrees = settle(
         lambda latency, _arm_b, gated: about(latency, clock, gated, 1.0), first
     )
