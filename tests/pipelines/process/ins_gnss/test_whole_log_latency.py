@@ -69,7 +69,8 @@ def no_start(*_):
 
 
 @pytest.mark.parametrize(
-    "seed, rate, begins_anew", [(5, 40e-6, True), (7, -25e-6, True), (5, 40e-6, False)]
+    "seed, rate, begins_anew",
+    [(5, 40e-6, True), (7, -25e-6, True), (5, 40e-6, False), (5, 150e-6, True)],
 )
 @pytest.mark.slow
 def test_a_clock_of_the_receivers_own_is_corrected(tmp_path, monkeypatch, seed, rate, begins_anew):
@@ -83,6 +84,8 @@ def test_a_clock_of_the_receivers_own_is_corrected(tmp_path, monkeypatch, seed, 
     summary, solution = run(log, filter={"smooth": True}, **GROUPS)
     latency = summary["filter"]["gnss_latency"]
     assert latency["clock_ppm"] == pytest.approx(1e6 * rate, abs=10.0)
+    # In the middle of the log, as it says
+    assert latency["estimate_s"] == pytest.approx(600.0 * rate, abs=0.004)
     (finding,) = (one for one in summary["findings"] if one["kind"] == "clock-rate")
     assert ("faster" if rate > 0.0 else "slower") in finding["text"]
     seconds = (solution.time_ns - T0) * 1e-9
