@@ -46,6 +46,7 @@ from sinstool.methods.sensor_errors import IMU_GRADES
 from tests.helpers.unseen_drives import (
     GRADES,
     LEVER,
+    PHONE,
     Motion,
     Record,
     boat,
@@ -83,7 +84,7 @@ from tests.helpers.unseen_vehicles import VEHICLES
 # of .1 to 1 deg/s and 20 to 40 mg, which change little in an hour, .5 to 1.5 % of scale and, with
 # --errors, as much across.
 CHIPS = {
-    "phone's chip": sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 100.0),
+    "phone's chip": PHONE,
     "drone's chip": sensor_errors(0.5, 900.0, 0.15, 30000.0, 10000.0, 100.0),
     "hobbyist's chip": sensor_errors(0.3, 3600.0, 0.25, 40000.0, 15000.0, 100.0),
 }

@@ -8,8 +8,11 @@ from __future__ import annotations
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.parts import kernel
+from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import dcm
+
+Row = tuple[float, float, float]
+Rows = tuple[Row, Row, Row]
 
 
 def turned_back(q: FloatArray, m: FloatArray, sign: FloatArray) -> FloatArray:
@@ -56,31 +59,31 @@ def of_turned(v: FloatArray, turn: FloatArray) -> FloatArray:
 def _of_turned(v: FloatArray, turn: FloatArray, out: FloatArray) -> None:
     for n in range(len(v)):
         x, y, z = v[n, 0], v[n, 1], v[n, 2]
-        rows = ((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
-        one = turn[n]
-        for i, (a, b, c) in enumerate(rows):
-            p = a * one[0, 0] + b * one[1, 0] + c * one[2, 0]
-            q = a * one[0, 1] + b * one[1, 1] + c * one[2, 1]
-            r = a * one[0, 2] + b * one[1, 2] + c * one[2, 2]
-            for j, (d, e, f) in enumerate(rows):
-                if j <= i:
-                    total = p * d + q * e + r * f
-                    out[n, i, j] = total
-                    out[n, j, i] = total
+        _congruence(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)), turn[n], out[n])
 
 
 @kernel(vectorizes=False)
 def _turned_back(q: FloatArray, m: FloatArray, sign: FloatArray, out: FloatArray) -> None:
+    r, s, t = sign[0], sign[1], sign[2]
     for n in range(len(q)):
         c00, c01, c02, c10, c11, c12, c20, c21, c22 = dcm(q[n, 0], q[n, 1], q[n, 2], q[n, 3])
-        columns = ((c00, c10, c20), (c01, c11, c21), (c02, c12, c22))
-        one = m[n]
-        for i, (a, b, c) in enumerate(columns):
-            x = a * one[0, 0] + b * one[1, 0] + c * one[2, 0]
-            y = a * one[0, 1] + b * one[1, 1] + c * one[2, 1]
-            z = a * one[0, 2] + b * one[1, 2] + c * one[2, 2]
-            for j, (d, e, f) in enumerate(columns):
-                if j <= i:
-                    total = (x * d + y * e + z * f) * (sign[i] * sign[j])
-                    out[n, i, j] = total
-                    out[n, j, i] = total
+        columns = (
+            (r * c00, r * c10, r * c20),
+            (s * c01, s * c11, s * c21),
+            (t * c02, t * c12, t * c22),
+        )
+        _congruence(columns, m[n], out[n])
+
+
+@part()
+def _congruence(rows: Rows, m: FloatArray, out: FloatArray) -> None:
+    """``A M A^T`` of a symmetric M, with the rows of A."""
+    for i, (a, b, c) in enumerate(rows):
+        x = a * m[0, 0] + b * m[1, 0] + c * m[2, 0]
+        y = a * m[0, 1] + b * m[1, 1] + c * m[2, 1]
+        z = a * m[0, 2] + b * m[1, 2] + c * m[2, 2]
+        for j, (d, e, f) in enumerate(rows):
+            if j <= i:
+                total = x * d + y * e + z * f
+                out[i, j] = total
+                out[j, i] = total

@@ -30,14 +30,15 @@ from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.order_statistics import median, quantile
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import GAP_INTERVALS, SECOND
+from sinstool.survey.late_stamps import LONGEST, MISSED, Late
 
 # Length of a line through the stamps, s, and its least number of samples.
 LINE_S, LEAST_SAMPLES = 2.0, 64
 # No IMU samples more often than each so many ns: stamps of less are no times.
 LEAST_NS = 10_000.0
-# Intervals beyond which samples may be missing, and the product of the delay of the promptest
-# samples and their number, over the usual delay, beyond which it is no chance (1e-10).
-MISSED, PROMPT = 1.5, 24.0
+# The product of the delay of the promptest samples and their number, over the usual delay, beyond
+# which it is no chance (1e-10).
+PROMPT = 24.0
 # Least number of prompt samples that are compared, and rounds in which what is missing is found, as
 # it makes delays look longer.
 LEAST_PROMPT, ROUNDS = 16, 4
@@ -50,21 +51,10 @@ MOST_MISSING = 0.1
 SAME = 0.01
 # Samples compared before and after a long interval, at most, and most intervals compared together.
 MOST_NEARBY, ROWS = 2000, 1000
-# Largest ratio of the variation of the lines' durations to that of independent intervals; an
-# interval counts as at most so many usual ones.
-STEADY, LONGEST = 0.5, 10.0
-# Intervals are multiples of the usual one if this share of them are, to within so much of it.
-# Stamps at ticks differ from even times by 0.29 of a tick, rms, and by more where some are lost.
-# The usual one is that of the shortest, of this share, unless they are too short for their median.
-ON_GRID, GRID, TICK, SHARE, SHORT = 0.98, 0.1, 0.6, 0.1, 0.2
-# Samples come in batches if their median interval is shorter than this part of the mean. It is half
-# of it at least where any share is lost by chance.
-BATCHES = 0.45
-# A regression on the stamps gives 0 for even samples and 1 if the stamps are right: the limit
-# between both, the sigmas from 0 beyond which it counts, and the samples after which it is decided.
-HALF_WAY, BELIEVED, SHOWN = 0.5, 4.0, 200_000
-# Variance of a sixth difference of white noise, over that of the noise.
-SIXTH = 924.0
+# Largest ratio of the variation of the lines' durations to that of independent intervals.
+STEADY = 0.5
+# Samples after which it is decided whether rates belong to the stamps.
+SHOWN = 200_000
 
 
 @dataclass(frozen=True)
@@ -188,9 +178,13 @@ def even_stamps(
     even = _lines(stamp_ns, False)
     if not surely:
         imu = concatenate(shown)
-        if not _steady(even, stamp_ns) or _right(even, imu, increments) or _lacking(even, imu):
+        if not _steady(even, stamp_ns):
             return None
-        if slight and not _matters(even, imu, increments):
+        (block,) = even.applied([imu])
+        late = Late(imu, block.time_ns, even.usual_ns)
+        if late.follow_stamps(increments) or late.lack_samples:
+            return None
+        if slight and not late.matter(increments):
             return None
     return _lines(stamp_ns, True)
 
@@ -440,78 +434,3 @@ def _steady(even: EvenStamps, stamp_ns: IntArray) -> bool:
         return len(even.count) == 1 and bool(steps.std())
     apart = ((even.interval_ns - even.usual_ns) * np.sqrt(even.count))[whole].std()
     return bool(apart < STEADY * steps.std())
-
-
-def _lacking(even: EvenStamps, imu: Imu) -> bool:
-    """Whether intervals are long as samples are missing, not as samples are late.
-
-    They are whole multiples of the usual one then, but they are so too where a bus collects samples
-    at its ticks. There each waits for the next tick; what is further off is not late.
-    """
-    steps = np.diff(imu.time_ns).astype(np.float64)
-    usual = float(median(steps))
-    if usual < BATCHES * steps.mean():
-        return False
-    # Where more than half of the samples are missing, most intervals are several usual ones
-    shortest = quantile(steps, SHARE)
-    if shortest > SHORT * usual:
-        # Those that arrive together are no intervals of a sensor
-        apart = steps[steps > SHORT * usual]
-        usual = float(median(apart[apart <= MISSED * shortest]))
-    off = np.abs(steps - usual * np.maximum(np.rint(steps / usual), 1.0))
-    if quantile(off, ON_GRID) > GRID * usual:
-        return False
-    (block,) = even.applied([imu])
-    late = np.minimum(np.abs(imu.time_ns - block.time_ns), LONGEST * usual)
-    return float(np.mean(late**2)) > (TICK * usual) ** 2
-
-
-def _right(even: EvenStamps, imu: Imu, increments: bool) -> bool:
-    """Whether the rates follow the stamps: by their change where intervals vary."""
-    (block,) = even.applied([imu])
-    late = (imu.time_ns - block.time_ns) / SECOND
-    interval = even.usual_ns / SECOND
-    kept = slice(3, len(imu) - 3)
-    between = _between(late[:, None])[kept]
-    residual = _between(imu.gyro)[kept]
-    if increments:
-        # An increment is as long as its own interval
-        mean = np.cumsum(imu.gyro, axis=0)
-        rate = (mean[6:] - mean[:-6]) / (6.0 * interval)
-        expected = rate * _between(np.diff(late, prepend=late[0])[:, None])[kept]
-    else:
-        slope = (imu.gyro[6:] - imu.gyro[:-6]) / (6.0 * interval)
-        expected = slope * between
-    # Across a gap neither rates nor times belong together
-    whole = (
-        np.convolve(np.diff(block.time_ns) > GAP_INTERVALS * even.usual_ns, np.ones(6))[5:-5] < 1
-    )
-    residual, expected = residual[whole], expected[whole]
-    square = float(np.sum(expected**2))
-    if not square:
-        return False
-    factor = float(np.sum(residual * expected)) / square
-    sigma = float(np.sqrt(np.sum((residual - factor * expected) ** 2 * expected**2))) / square
-    return factor > HALF_WAY and factor > BELIEVED * sigma
-
-
-def _matters(even: EvenStamps, imu: Imu, increments: bool) -> bool:
-    """Whether late stamps turn a sample by more than the noise of the gyros does.
-
-    Delays do not add up, so what is left of them is the change of the rate in the meantime. Of
-    smooth motion sixth differences show only the noise; what shakes counts as noise here.
-    """
-    (block,) = even.applied([imu])
-    late_s = float(np.std((imu.time_ns - block.time_ns) / SECOND))
-    interval = even.usual_ns / SECOND
-    rate = imu.gyro / interval if increments else imu.gyro
-    change = float(np.mean(np.square(np.diff(rate, axis=0))))
-    noise = float(np.mean(np.square(np.diff(rate, 6, axis=0)))) / SIXTH
-    return late_s**2 * change > interval**2 * noise
-
-
-def _between(values: FloatArray) -> FloatArray:
-    """Each value less the mean of its neighbours; zero at both ends."""
-    out = np.zeros_like(values)
-    out[1:-1] = values[1:-1] - 0.5 * (values[2:] + values[:-2])
-    return out

@@ -124,9 +124,7 @@ def latency_of_whole_log(
     clock = _clock_rate(lambda so_far, share: about(first, so_far, False, share))
     if clock.rate != 0.0:
         # It may be that of a part; the latency is to be that in the middle of the whole
-        middle_ns = begin_ns + span_ns // 2
-        first += clock.latency_at(middle_ns)
-        clock = replace(clock, middle_ns=middle_ns)
+        clock = replace(clock, middle_ns=begin_ns + span_ns // 2)
     used, found, agrees = settle(
         lambda latency, _arm_b, gated: about(latency, clock, gated, 1.0), first
     )

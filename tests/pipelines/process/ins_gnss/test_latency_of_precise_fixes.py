@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from tests.helpers.filter_logs import start_of
-from tests.helpers.unseen_drives import LEVER, flight, record, sensor_errors, write
+from tests.helpers.unseen_drives import LEVER, PHONE, flight, record, write
 
-# As phones have them
-CHIP = sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 100.0)
 LATE_S = 0.2
 
 
@@ -22,7 +20,7 @@ def test_the_noise_of_fixes_is_no_latency(tmp_path, sigma_v):
     for seed in (1, 2, 3, 7):
         motion = flight(seed, 400.0)
         data = record(
-            motion, CHIP, seed, gnss_rate=10.0, sigma=0.06, sigma_v=sigma_v, latency=LATE_S
+            motion, PHONE, seed, gnss_rate=10.0, sigma=0.06, sigma_v=sigma_v, latency=LATE_S
         )
         log = write(tmp_path / f"{seed}.mcap", data)
         found = start_of(
