@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import atexit
 import gc
 import io
@@ -10,6 +11,7 @@ import re
 import shlex
 import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Iterator, Sequence
@@ -169,9 +171,18 @@ class _StandardOutput:
 _ENDING = tuple(getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n))
 
 
+def _send_to_main(number: int) -> None:
+    """Send a signal to the main thread, so that it ends a call in which this thread waits."""
+    if hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(cast(int, threading.main_thread().ident), number)
+    else:
+        _thread.interrupt_main(signal.Signals(number))
+
+
 def _end_well_on_signals() -> None:
     """Treat a request to terminate, and a closed terminal, like Ctrl-C."""
     last = -1.0
+    show = sys.unraisablehook
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal last
@@ -180,8 +191,21 @@ def _end_well_on_signals() -> None:
         # stop the cleaning up.
         if last < 0.0 or now - last > 1.0:
             last = now
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt(number)
 
+    def interrupt_again(lost: sys.UnraisableHookArgs) -> None:
+        # Python swallows what is raised while an object is freed, interrupts too.
+        nonlocal last
+        if not isinstance(lost.exc_value, KeyboardInterrupt):
+            show(lost)
+            return
+        last = -1.0
+        # Not from here: it would be swallowed once more.
+        again = threading.Timer(0.01, _send_to_main, lost.exc_value.args)
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = interrupt_again
     for number in _ENDING:
         # What was ignored when we were started (nohup, a job in the background) stays ignored.
         if signal.getsignal(number) is not signal.SIG_IGN:

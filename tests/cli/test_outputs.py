@@ -435,6 +435,36 @@ def test_ended_by_a_signal(writing, number, twice):
     assert names(command.folder) == []
 
 
+FREEING = """
+import os, signal, sys, time
+from sinstool.cli import main as module
+
+class Object:
+    def __del__(self):
+        os.kill(os.getpid(), signal.{name})
+        time.sleep(0.001)
+
+def command(**_):
+    for _ in range({times}):
+        Object()
+        {then}
+    time.sleep(30)
+
+module.cli.main = command
+module.main()
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("times, then", [(1, ""), (2, "time.sleep(0.03)")], ids=["once", "twice"])
+def test_ended_by_a_signal_while_an_object_is_freed(name, times, then):
+    """Python swallows what is raised in `__del__`."""
+    code = FREEING.format(name=name, times=times, then=then)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 130
+    assert done.stderr == "sinstool: interrupted; nothing was written\n"
+
+
 @pytest.mark.slow
 def test_an_ignored_signal_stays_ignored(tmp_path):
     """As `nohup` has it."""
