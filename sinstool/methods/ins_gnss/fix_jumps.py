@@ -29,7 +29,7 @@ AROUND = 15
 SIGMAS, LEAST_M, MOST_M, BESIDE = 8.0, 0.3, 10.0, 0.4
 # Epochs are successive within this many usual intervals, and within so many s. A lost message is no
 # outage: within the last one, s, no navigation drifts by as much as a jump.
-MOST_INTERVALS, MOST_S, LOST_S = 1.5, 2.0, 0.5
+MOST_INTERVALS, MOST_S, LOST_S = 2.5, 2.0, 0.5
 # Fixes that scatter by more than this, m, from one to the next do not show which are false; fewer
 # false ones in a row than these are outliers.
 PRECISE_M, LEAST_EPOCHS = 0.25, 3

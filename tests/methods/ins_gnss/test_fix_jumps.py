@@ -81,10 +81,11 @@ def test_beyond_an_outage_nothing_is_compared():
     assert spans(found) == [(240, 279)]
 
 
-def test_a_lost_message_is_no_outage():
+@pytest.mark.parametrize("rate", [1.0, 2.0, 5.0])
+def test_a_lost_message_is_no_outage(rate):
     """Of fixes between two lost ones none would jump, and those that are off would seem right."""
     off = steps((100, 200, WAY), (300, 400, WAY))
-    time_ns, nu, left, sigma = innovations(off)
+    time_ns, nu, left, sigma = innovations(off, rate)
     keep = np.delete(np.arange(600), [102, 198, 302, 398])
     found = false_stretches(time_ns[keep], nu[keep], left[keep], sigma[keep])
     assert spans(found) == [(100, 197), (298, 395)]

@@ -138,7 +138,8 @@ def _stretches(
         filter="plain-15",
         gnss=GnssModel(position_white=POSITION, velocity_white=VELOCITY),
     )
-    gnss, used = source.aiding.gnss, start.used
+    # An outlier would part the fixes before it from those after it
+    gnss, used = source.aiding.gnss, start.believable
     assert gnss is not None
     nothing = np.full_like(used.sigma_position_n, np.nan)
     unsized = replace(used, sigma_position_n=nothing, sigma_velocity_n=nothing)

@@ -22,9 +22,9 @@ from tests.helpers.unseen_drives import (
 SIGMA = 0.02
 
 
-def recorded(seed, truth, spans, sigma_v=None):
+def recorded(seed, truth, spans, sigma_v=None, rate=5.0):
     """A log whose fixes are wrong in some spans, each by another metre or two."""
-    data = record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma=SIGMA, sigma_v=sigma_v)
+    data = record(truth, GRADES["industrial"], seed, gnss_rate=rate, sigma=SIGMA, sigma_v=sigma_v)
     random, fixes = np.random.default_rng([seed, 21]), data.fixes
     off = np.zeros((len(fixes.seconds), 3))
     for begin, end in spans:
@@ -78,6 +78,27 @@ def test_fixes_that_are_off_for_a_while(tmp_path, case, smooth):
             seconds = [(int(finding[name]) - T0) * 1e-9 for name in ("start_ns", "end_ns")]
             assert seconds == pytest.approx([begin, end], abs=0.41)
         assert most < 5.0 and usual < 1.7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [2.0, 5.0])
+def test_outliers_and_lost_fixes_do_not_part_a_stretch_from_those_beside_it(tmp_path, rate):
+    """Between two of them the longer part would count as right."""
+    for seed in range(2):
+        data = recorded(seed, drive(seed, 220.0, rest=20.0), [(100, 120), (150, 170)], rate=rate)
+        # In the good fixes shortly before each stretch, and in the stretch
+        data = without_fixes(data, [(t - 0.1, t + 0.1) for t in (96.0, 144.0, 165.0)])
+        far = np.isin(np.round(data.fixes.seconds, 3), [94.0, 122.0, 146.0, 162.0])
+        latitude = data.fixes.latitude + np.where(far, 60.0 / 6.4e6, 0.0)
+        data = replace(data, fixes=replace(data.fixes, latitude=latitude))
+        assert np.count_nonzero(far) == 4
+        result, _ = run(
+            write(tmp_path / "log.mcap", data), gnss={"lever_arm": tuple(LEVER.tolist())}
+        )
+        found = [f for f in result["findings"] if f["kind"] == "false-fixes"]
+        seconds = [[(int(f[name]) - T0) * 1e-9 for name in ("start_ns", "end_ns")] for f in found]
+        expected = np.array([(100.0, 120.0), (150.0, 170.0)])
+        assert np.array(seconds) == pytest.approx(expected, abs=0.6)
 
 
 @pytest.mark.slow
