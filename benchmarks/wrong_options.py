@@ -22,6 +22,7 @@ SENSORS: Kinds = {
     "--gyro-kind": ("rate", "mean-rate"),
     "--body-axes": ("frd",),
     "--imu-stamps": ("even", "kept"),
+    "--gnss-stamps": ("even", "kept"),
 }
 WITH_GNSS: Kinds = {
     **SENSORS,

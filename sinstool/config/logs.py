@@ -33,6 +33,7 @@ GNSS_INPUT = (
     "input.velocity_topic",
     "input.gnss_unit",
     "input.gnss_clock_offset",
+    "input.gnss_stamps",
 )
 RIG_INPUT = (
     "input.imu_topic",
@@ -152,6 +153,12 @@ class InputOptions(Group):
         "S",
         ge=-1e9,
         le=1e9,
+    )
+    gnss_stamps: Literal["auto", "even", "kept"] = option(
+        "auto",
+        "times of the fixes: their stamps (kept), or evenly spaced times fitted to the stamps"
+        " (even), for a receiver that is stamped by the computer on receipt; auto: even where"
+        " stamps jitter and the vehicle's motion fits even times",
     )
     encoder_topic: str | None = option(
         None, "topic with JointState messages from the turntable's encoder", "TOPIC"

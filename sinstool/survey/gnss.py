@@ -25,6 +25,7 @@ from sinstool.io.readers.message_types import GPS_FIX_TYPES, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
 from sinstool.io.readers.topics import NONE, fix_topics, optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
+from sinstool.survey.even_fixes import at_even_times
 from sinstool.survey.fix_units import check_degrees, check_range, with_rounding
 from sinstool.survey.interpolated import interpolated, on_lines
 from sinstool.survey.stuck import sent_again, stale_velocities, stuck_fixes, stuck_velocities
@@ -113,6 +114,12 @@ def read_gnss(
         )
         stale = stale_velocities(fixes, velocity)
         velocity, more = only(velocity, ~stale, chosen.topic, "stale-velocity", what)
+        findings += more
+    if options.gnss_stamps != "kept" and until_ns is None:
+        topics = receiver.topic, chosen.topic
+        fixes, velocity, more = at_even_times(
+            fixes, velocity, topics, options.gnss_stamps == "even"
+        )
         findings += more
     used = ((fixes, receiver.topic), (velocity, chosen.topic))
     for topic in dict.fromkeys(t for rows, t in used if rows is not None):
