@@ -265,7 +265,7 @@ def at_even_times(
             times = velocity.time_ns - (stamps - even.time_ns)[at]
             if np.all(stamps[at] == velocity.time_ns):
                 return fixes, replace(velocity, time_ns=times), findings
-    if velocity is not None and (fixes is None or findings or surely):
+    if velocity is not None:
         even = even_times(velocity.time_ns)
         if even is not None and (surely or findings or even.are_of_receipt(velocity.velocity_n)):
             findings.append(_finding(even, topics[1], "velocities"))

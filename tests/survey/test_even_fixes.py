@@ -126,6 +126,25 @@ def test_velocities_go_with_their_fixes():
     assert np.std((own.time_ns - T0) * 1e-9 - seconds[kept]) < 0.003
 
 
+def test_velocities_alone_may_be_late():
+    seconds = measured(5, 5.0, 4000)
+    stamps = stamped(seconds, "exponential", 0.03, 5)
+    right = T0 + np.round(1e9 * seconds).astype(np.int64)
+    random = np.random.default_rng(6)
+    # In town: it drives off and brakes all the time
+    speed = np.stack([5.0 * np.sin(seconds / 2.0), 5.0 * np.cos(seconds / 3.0), 0.0 * seconds], 1)
+    speed += 0.05 * random.standard_normal(speed.shape)
+    none = np.zeros((len(stamps), 3, 3))
+    velocity = Velocity(stamps, stamps, speed, none)
+    fixes = fixes_at(right, moving(seconds))
+    for beside in (None, fixes):
+        same, moved, (finding,) = at_even_times(beside, velocity, TOPICS, False)
+        assert same is beside and finding.topic == "/velocity"
+        assert np.std((moved.time_ns - T0) * 1e-9 - seconds) < 0.004
+    in_time = Velocity(right, right, speed, none)
+    assert at_even_times(fixes, in_time, TOPICS, False) == (fixes, in_time, [])
+
+
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory):
     """A drive whose fixes and velocities are stamped on receipt, and its truth."""
