@@ -337,7 +337,7 @@ def late_gyros(start: FilterStart) -> list[Finding]:
             "gyro-delay",
             f"as the log shows, gyros are stamped {abs(gyros.delay_s):.3f} s {late} (sigma"
             f" {gyros.sigma_s:.3f}) than the accelerometers beside them, so that the attitude is"
-            f" off by up to {gyros.turn / DEGREE:.2g} deg ({gyros.sigmas:.1f} sigmas) as it turns,"
+            f" off by {gyros.turn / DEGREE:.2g} deg ({gyros.sigmas:.1f} sigmas) and more in turns,"
             " which the sigmas do not include" + (": do not trust the solution" if severe else ""),
             Severity.LOST if severe else Severity.WARNING,
             "have both stamped when they measure, and both filtered alike",
