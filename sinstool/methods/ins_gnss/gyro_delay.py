@@ -13,13 +13,14 @@ References
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.rotation import to_dcm
 from sinstool.methods.ins_gnss.results import UpdateColumns
+from sinstool.methods.strapdown.velocity import Increments
 
 GYRO_DELAY_S = 0.2
 """Standard deviation of a delay of gyros about 0, before the log shows it, s."""
@@ -27,7 +28,7 @@ GYRO_DELAY_S = 0.2
 LEAST_SIGMA_S = 1e-3
 """Least sigma of an estimated delay, s: rates between samples are not known better."""
 
-_BEYOND = 5.0  # sigmas, and
+_BEYOND = 4.0  # sigmas, and
 _LEAST_S = 0.02  # s: a delay that is larger is no chance, and matters
 # Means over so long before and after, s: what shakes faster than the delay averages out.
 _SLOW_S = 0.1
@@ -58,10 +59,33 @@ class GyroDelay:
         turn, sigmas = abs(delay_s) * np.percentile(turns, _USUALLY, axis=0)
         return cls(delay_s, sigma_s, float(turn), float(sigmas))
 
+    def settled(self, delay_s: float, sigma_s: float) -> GyroDelay:
+        """The same with a delay that is its own estimate."""
+        more = abs(delay_s / self.delay_s)
+        return GyroDelay(delay_s, sigma_s, more * self.turn, more * self.sigmas)
+
     @property
     def shown(self) -> bool:
         """Whether the log shows that gyros and accelerometers are of different times."""
         return abs(self.delay_s) > max(_LEAST_S, _BEYOND * self.sigma_s)
+
+
+def in_time(increments: Increments, delay_s: float) -> Increments:
+    """Increments with the rotations that late gyros show so many seconds later.
+
+    Beyond the ends of the increments nothing turns.
+    """
+    seconds = (increments.time_ns - increments.time_ns[0]) * 1e-9
+    turned = np.cumsum(increments.rotation_vector, axis=0)
+    times = np.concatenate([[-increments.interval[0]], seconds])
+    turned = np.concatenate([np.zeros((1, 3)), turned])
+    begins = _between(seconds - increments.interval + delay_s, times, turned)
+    rate = increments.followed_rate
+    return replace(
+        increments,
+        rotation_vector=_between(seconds + delay_s, times, turned) - begins,
+        followed_rate=None if rate is None else _between(seconds + delay_s, seconds, rate),
+    )
 
 
 def by_late_gyros(

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sinstool.methods.ins_gnss.gyro_delay import GyroDelay, by_late_gyros
+from sinstool.methods.ins_gnss.gyro_delay import GyroDelay, by_late_gyros, in_time
 from sinstool.methods.ins_gnss.results import UpdateColumns
+from sinstool.methods.strapdown.velocity import Increments
 
 STEP = 0.01
 NAMES = [field.name for field in fields(UpdateColumns)]
@@ -86,6 +87,31 @@ def test_spans_may_be_cut_anywhere():
     np.testing.assert_allclose(results[2], results[0], atol=1e-9)
 
 
+@pytest.mark.parametrize("delay", [0.04, -0.13, 0.0])
+def test_gyros_brought_in_time_turn_when_the_body_does(delay):
+    seconds = np.arange(0.0, 5.0, STEP)
+    ends = seconds + STEP
+
+    def turned(t):  # about axes that stay, so that rotations add up
+        return np.stack([np.sin(t), 0.0 * t, np.cos(2.0 * t)], axis=1)
+
+    made = Increments(
+        np.arange(len(ends)),
+        np.round(ends * 1e9).astype(np.int64),
+        np.full(len(ends), STEP),
+        turned(ends - delay) - turned(seconds - delay),
+        np.zeros((len(ends), 3)),
+        followed_rate=turned(ends - delay),
+    )
+    right = in_time(made, delay)
+    inside = (seconds > abs(delay)) & (ends < 5.0 - abs(delay))
+    np.testing.assert_allclose(
+        right.rotation_vector[inside], (turned(ends) - turned(seconds))[inside], atol=1e-5
+    )
+    np.testing.assert_allclose(right.followed_rate[inside], turned(ends)[inside], atol=1e-3)
+    assert right.velocity_increment is made.velocity_increment
+
+
 @pytest.mark.parametrize(
     ("delay", "sigma", "shown"),
     [(0.1, 0.01, True), (-0.1, 0.01, True), (0.1, 0.03, False), (0.015, 0.001, False)],
@@ -96,3 +122,6 @@ def test_a_delay_is_shown_if_it_is_large_and_no_chance(delay, sigma, shown):
     assert made.shown == shown
     assert made.turn == pytest.approx(0.95 * abs(delay))
     assert made.sigmas == pytest.approx(38.0 * abs(delay))
+    settled = made.settled(-2.0 * delay, 0.5 * sigma)
+    assert (settled.delay_s, settled.sigma_s) == (-2.0 * delay, 0.5 * sigma)
+    assert settled.turn == pytest.approx(2.0 * made.turn)

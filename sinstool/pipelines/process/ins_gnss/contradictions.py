@@ -33,6 +33,7 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, Likeli
 from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import Drift
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit
+from sinstool.pipelines.process.ins_gnss.late_gyros import late_gyros, settled_delay
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import denied_attitude
 from sinstool.pipelines.process.ins_gnss.timing import motion_from, white_noise
 from sinstool.survey.grade import BRIEF_REST_S
@@ -51,9 +52,6 @@ MOST_AT_REST, LEANS = 5.0, 3e-4
 # Least difference of attitude that is reported: in sigmas; with another latency, rad; with another
 # arm, rad. Sigmas include the turn of a filter by a wrong arm, but not that of its start.
 MOST_TURNED, LEAST_TURNED, LEAST_BY_ARM = 4.0, 2.0 * DEGREE, 5.0 * DEGREE
-# Turn by late gyros, which one fix of twenty exceeds, over its sigma, beyond which nothing is to be
-# trusted.
-MOST_LAGGING = 2.0
 # The difference of two attitudes is this percentile over time.
 MOST_OF_IT = 90.0
 # Noise of velocities compared with the IMU, over the bound by the receiver's own positions, beyond
@@ -81,6 +79,7 @@ def compare_with_log(
             likelier=likelier,
             bias_at_rest=0.0 if known else _bias_at_rest(source, start.settings.imu),
         )
+    start = settled_delay(source, config, algorithm, start)
     return replace(
         start,
         turned=_turned(source, config, algorithm, start),
@@ -318,30 +317,6 @@ def turned_by_offsets(start: FilterStart) -> list[Finding]:
             Severity.LOST,
             f"correct {option}",
             numbers={"attitude_deg": angle / DEGREE, "attitude_over_sigma": sigmas},
-        )
-    ]
-
-
-def late_gyros(start: FilterStart) -> list[Finding]:
-    """Gyros that are stamped later or earlier than the accelerometers beside them.
-
-    The attitude is that of another time than the specific force, which a filter cannot correct.
-    """
-    gyros = None if start.offsets is None else start.offsets.gyros
-    if gyros is None or not gyros.shown:
-        return []
-    severe = gyros.sigmas > MOST_LAGGING
-    late = "later" if gyros.delay_s > 0.0 else "earlier"
-    return [
-        Finding(
-            "gyro-delay",
-            f"as the log shows, gyros are stamped {abs(gyros.delay_s):.3f} s {late} (sigma"
-            f" {gyros.sigma_s:.3f}) than the accelerometers beside them, so that the attitude is"
-            f" off by {gyros.turn / DEGREE:.2g} deg ({gyros.sigmas:.1f} sigmas) and more in turns,"
-            " which the sigmas do not include" + (": do not trust the solution" if severe else ""),
-            Severity.LOST if severe else Severity.WARNING,
-            "have both stamped when they measure, and both filtered alike",
-            numbers={"delay_s": gyros.delay_s, "sigma_s": gyros.sigma_s},
         )
     ]
 

@@ -56,12 +56,15 @@ class WholeLogLatency:
 
     def used_by(self, start: FilterStart) -> FilterStart:
         """A start with this latency."""
+        shown, offsets = start.offsets, self.offsets
+        if shown is not None and shown.gyros is not None and shown.gyros.shown:
+            offsets = replace(offsets, gyros=shown.gyros)
         at_start_s = self.latency_s + self.clock.latency_at(start.time_ns)
         return replace(
             start.with_latency(self.latency_s, at_start_s),
             gnss=self.clock.corrected(start.gnss),
             clock=start.clock.plus(self.clock),
-            offsets=self.offsets,
+            offsets=offsets,
             latency_status="found",
         )
 
