@@ -28,7 +28,7 @@ GYRO_DELAY_S = 0.2
 LEAST_SIGMA_S = 1e-3
 """Least sigma of an estimated delay, s: rates between samples are not known better."""
 
-_BEYOND = 4.0  # sigmas, and
+_BEYOND = 5.0  # sigmas, and
 _LEAST_S = 0.02  # s: a delay that is larger is no chance, and matters
 # Means over so long before and after, s: what shakes faster than the delay averages out.
 _SLOW_S = 0.1
@@ -43,26 +43,30 @@ class GyroDelay:
     ----------
     delay_s, sigma_s : float
         Negative if they are stamped earlier.
-    turn, sigmas : float
-        Error of attitude that it causes, which is exceeded at one fix of twenty: rad, and over the
-        sigma of the filter.
+    each_second : tuple of float
+        Error of attitude that a delay of 1 s causes, which is exceeded at one fix of twenty: rad,
+        and over the sigma of the filter.
     """
 
     delay_s: float
     sigma_s: float
-    turn: float
-    sigmas: float
+    each_second: tuple[float, float]
 
     @classmethod
     def of(cls, delay_s: float, sigma_s: float, turns: FloatArray) -> GyroDelay:
         """From an estimate and the errors of attitude at each fix, (n, 2), by a delay of 1 s."""
-        turn, sigmas = abs(delay_s) * np.percentile(turns, _USUALLY, axis=0)
-        return cls(delay_s, sigma_s, float(turn), float(sigmas))
+        turn, sigmas = np.percentile(turns, _USUALLY, axis=0).tolist()
+        return cls(delay_s, sigma_s, (turn, sigmas))
 
-    def settled(self, delay_s: float, sigma_s: float) -> GyroDelay:
-        """The same with a delay that is its own estimate."""
-        more = abs(delay_s / self.delay_s)
-        return GyroDelay(delay_s, sigma_s, more * self.turn, more * self.sigmas)
+    @property
+    def turn(self) -> float:
+        """Error of attitude that it causes, which is exceeded at one fix of twenty, rad."""
+        return abs(self.delay_s) * self.each_second[0]
+
+    @property
+    def sigmas(self) -> float:
+        """The same over the sigma of the filter."""
+        return abs(self.delay_s) * self.each_second[1]
 
     @property
     def shown(self) -> bool:

@@ -122,6 +122,3 @@ def test_a_delay_is_shown_if_it_is_large_and_no_chance(delay, sigma, shown):
     assert made.shown == shown
     assert made.turn == pytest.approx(0.95 * abs(delay))
     assert made.sigmas == pytest.approx(38.0 * abs(delay))
-    settled = made.settled(-2.0 * delay, 0.5 * sigma)
-    assert (settled.delay_s, settled.sigma_s) == (-2.0 * delay, 0.5 * sigma)
-    assert settled.turn == pytest.approx(2.0 * made.turn)

@@ -10,8 +10,9 @@ from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.units import DEGREE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.ins_gnss.gyro_delay import in_time
-from sinstool.methods.ins_gnss.receiver_offsets import estimate_offsets
+from sinstool.methods.ins_gnss.gyro_delay import GyroDelay, in_time
+from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets, estimate_offsets
+from sinstool.methods.sensor_errors import IMU_GRADES
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.survey.source import Source
@@ -20,45 +21,72 @@ from sinstool.survey.source import Source
 # trusted.
 MOST_LAGGING = 2.0
 # An estimate is repeated with gyros that are in time by it until it changes by less than this share
-# of its sigma, in so many rounds at most; no delay is longer than this, s.
-AGREES, ROUNDS, LONGEST_S = 0.5, 6, 1.0
+# of its sigma, and the latency of fixes, which stood in for it, by less than its own sigma or so
+# many seconds; in so many rounds at most. No delay is longer than this, s.
+AGREES, AGREE_S, ROUNDS, LONGEST_S = 0.5, 0.01, 12, 1.0
+# Where a body sways faster than the delay is long, an estimate about no delay says nothing, but
+# gyros seem to be as noisy as those of chips. Then these are tried, s, and count if they lower
+# squared innovations by so much.
+TRIED_S, LEAST_GAIN = (-0.3, -0.15, 0.15, 0.3), 100.0
 
 
 def settled_delay(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
-    """A start whose delay of gyros is its own estimate, if the log shows one.
+    """A start whose delay of gyros is its own estimate, with its noise as it was found.
 
     Errors by a long delay are not linear in it, so that the first estimate is too small.
     """
-    shown = start.offsets
-    if shown is None or shown.gyros is None or not shown.gyros.shown:
+    shown, stated_b = start.offsets, config.gnss.lever_arm
+    motion = None if shown is None else motion_from(source, config, algorithm, start.time_ns)
+    if shown is None or motion is None:
         return start
-    motion = motion_from(source, config, algorithm, start.time_ns)
-    if motion is None:
-        return start
-    delay, latency = shown.gyros.delay_s, start.settings.gnss_latency
-    stated_b = config.gnss.lever_arm
-    for _ in range(ROUNDS):
-        settings = replace(start.settings.ungated, gnss_latency=latency)
-        about = estimate_offsets(
+
+    def about(delay: float, latency: float) -> ReceiverOffsets | None:
+        return estimate_offsets(
             start.start,
-            settings,
+            replace(start.settings.ungated, gnss_latency=latency),
             [in_time(motion, delay)],
             start.believable,
             stated_b or np.zeros(3),
             stated_b is not None,
         )
-        if about is None or about.gyros is None:
-            return start
-        step, sigma = about.gyros.delay_s, about.gyros.sigma_s
-        delay, latency = delay + step, about.latency_s
-        if abs(delay) > LONGEST_S:
-            return start
-        if abs(step) < AGREES * sigma:
-            gyros = shown.gyros.settled(delay, sigma)
-            return replace(start, offsets=replace(shown, gyros=gyros))
-    return start
+
+    def settled(found: ReceiverOffsets, delay: float) -> GyroDelay | None:
+        """The delay that is its own estimate, from one about a first delay on."""
+        latency = used
+        for _ in range(ROUNDS):
+            gyros = found.gyros
+            if gyros is None or abs(delay + gyros.delay_s) > LONGEST_S:
+                return None
+            delay += gyros.delay_s
+            moved = abs(found.latency_s - latency)
+            if abs(gyros.delay_s) < AGREES * gyros.sigma_s and moved < max(found.sigma_s, AGREE_S):
+                return replace(gyros, delay_s=delay)
+            latency = found.latency_s
+            following = about(delay, latency)
+            if following is None:
+                return None
+            found = following
+        return None
+
+    used = start.settings.gnss_latency
+    first = about(0.0, used)
+    if first is None or first.gyros is None:
+        return start
+    best = settled(first, 0.0) if first.gyros.shown else None
+    chips = start.settings.imu.angle_random_walk >= IMU_GRADES["mems"].angle_random_walk
+    if best is None and (first.gyros.shown or chips):
+        tried = [(one, delay) for delay in TRIED_S if (one := about(delay, used)) is not None]
+        likeliest, delay = min(tried, key=lambda pair: _square(pair[0]), default=(first, 0.0))
+        if _square(likeliest) < _square(first) - LEAST_GAIN:
+            best = settled(likeliest, delay)
+    return replace(start, offsets=replace(shown, gyros=best or first.gyros))
+
+
+def _square(shown: ReceiverOffsets) -> float:
+    """Sum of the squares of the innovations, over their expected covariance."""
+    return shown.square * shown.rows
 
 
 def late_gyros(start: FilterStart) -> list[Finding]:
