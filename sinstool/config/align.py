@@ -82,8 +82,8 @@ class GnssOptions(Group):
 
     lever_arm: tuple[Metres, Metres, Metres] | None = option(
         None,
-        "from the IMU to the antenna, in m, Forward-Right-Down (default: 0,0,0, or what the filter"
-        " finds in the log)",
+        "from the IMU to the antenna, in m, Forward-Right-Down (default: by the transforms of"
+        " /tf_static, else 0,0,0, or what the filter finds in the log)",
         "X,Y,Z",
         brief="from the IMU to the antenna, in m, FRD",
     )

@@ -27,6 +27,7 @@ from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.sensor_errors import Grade
 from sinstool.pipelines.align.first_attitude import align
+from sinstool.survey.antenna import with_antenna
 from sinstool.survey.coning import choose_algorithm, coning_reason
 from sinstool.survey.grade import (
     measured_noise,
@@ -182,6 +183,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     AlignmentError, TopicError, ConfigurationError, DataError
         What the configuration asks for cannot be had from the log.
     """
+    given, config = config, with_antenna(config, source.antenna_b)
     grade = sensor_grade(source, config)
     mode, filter_start, findings = _mode(source, config)
     attitude = _attitude(source, config, mode.value, grade.grade)
@@ -214,7 +216,7 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
         wheels=_wheels(source, mode.value),
         vehicle=_vehicle(config, mode.value),
         _algorithm=algorithm,
-        _findings=(*findings, *doubts, *_unused(config, mode), *_not_withheld(source, config)),
+        _findings=(*findings, *doubts, *_unused(given, mode), *_not_withheld(source, config)),
         _alignment=alignment,
         _filter_start=filter_start,
         _magnetic=magnetic if magnetic.topic else None,

@@ -52,6 +52,11 @@ def may_need_mount(config: ProcessConfig) -> bool:
     )
 
 
+def may_need_antenna(config: ProcessConfig) -> bool:
+    """Whether a run may use fixes whose antenna is not configured to be anywhere."""
+    return config.navigation.mode in ("auto", "ins-gnss") and config.gnss.lever_arm is None
+
+
 def has_gnss(log: Log, options: InputOptions) -> bool:
     """Whether a log has a topic with fixes that may be used."""
     try:

@@ -23,6 +23,7 @@ from sinstool.io.readers.streams import ImuUnits, first_fix
 from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu
 from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
+from sinstool.survey.antenna import antenna_b
 from sinstool.survey.clock_correction import may_have_stepped, remove_clock_steps
 from sinstool.survey.clock_steps import LEAST_NS
 from sinstool.survey.clocks import against_gnss
@@ -78,6 +79,8 @@ class Source:
     in_vehicle : StaticRotation or None
         How the body's frame is turned in the vehicle by the log's static transforms, where a mode
         may use that.
+    antenna_b : tuple of float or None
+        Place of the antenna by the log's static transforms, where a mode may use that.
     samples : SampleCache
         What the survey read, where it is not too much to keep.
     """
@@ -94,6 +97,7 @@ class Source:
     encoding: str
     tf_parent: str | None
     in_vehicle: StaticRotation | None
+    antenna_b: tuple[float, float, float] | None
     samples: SampleCache
 
     @property
@@ -171,6 +175,7 @@ def prepare(
         encoding=topic.channels[0].message_encoding,
         tf_parent=tf_parent(log, body) if may_write_tf(config) else None,
         in_vehicle=in_vehicle(log, body) if all_gnss and may_need_mount(config) else None,
+        antenna_b=antenna_b(log, config, body, aiding.fix_topic) if all_gnss else None,
         samples=samples,
     )
     _explain(source, config)

@@ -11,8 +11,8 @@ from sinstool.core.arrays import ArrayLike, IntArray
 from sinstool.core.order_statistics import median
 from sinstool.methods.height.layout import ACCEPTED, NOT_FINITE, OUT_OF_RANGE
 
-PRESSURE_RANGE = (5.4e3, 1.2e5)
-"""Pa: 20 km above, as far as the standard atmosphere here goes, to 1.4 km below sea level."""
+PRESSURE_RANGE = (868.0, 1.2e5)
+"""Pa: 32 km above to 1.4 km below sea level. Higher up an error of 1 hPa is more than 700 m."""
 
 UNIT_SAMPLES = 100
 """Number of valid samples by which the unit is judged."""
@@ -73,7 +73,8 @@ def suspected_unit(pressure: ArrayLike) -> UnitSuspicion:
     -------
     UnitSuspicion
         ``inHg`` for 20 to 32, as that many kPa would be 9 to 12 km up; ``kPa`` for 100 to 120,
-        as that many hPa would be 15 to 16 km up.
+        as that many hPa would be 15 to 16 km up; ``hPa`` up to 1200, as that many Pa would be at
+        least 30 km up.
     """
     p = np.asarray(pressure, dtype=np.float64)
     p = p[np.isfinite(p) & (p > 0.0)][:UNIT_SAMPLES]
@@ -81,7 +82,7 @@ def suspected_unit(pressure: ArrayLike) -> UnitSuspicion:
         return UnitSuspicion("unknown", float("nan"), 0)
     middle = float(median(p))
     unit: Unit = "unknown"
-    if PRESSURE_RANGE[0] <= middle <= PRESSURE_RANGE[1]:
+    if 1200.0 < middle <= PRESSURE_RANGE[1]:
         unit = "Pa"
     elif 20.0 <= middle <= 32.0:
         unit = "inHg"

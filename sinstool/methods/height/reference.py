@@ -145,12 +145,12 @@ def reference_from_start(pressure: ArrayLike, height: float) -> BaroReference:
     Raises
     ------
     ValueError
-        If no pressure lies between 54 and 1200 hPa.
+        If no pressure lies between 8.68 and 1200 hPa.
     """
     p = np.asarray(pressure, dtype=np.float64)
     p = p[pressure_reason(p) == ACCEPTED]
     if not len(p):
-        raise ValueError("Expected at least one pressure between 54 and 1200 hPa.")
+        raise ValueError("Expected at least one pressure between 8.68 and 1200 hPa.")
     return BaroReference("init", height - float(median(_standard_height(p))), samples=len(p))
 
 

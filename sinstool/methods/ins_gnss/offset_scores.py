@@ -1,4 +1,4 @@
-"""Information on latency and lever arm in the innovations of a filter: see `receiver_offsets`.
+"""Information on latency, lever arm and late gyros in innovations: see `receiver_offsets`.
 
 ``V`` and ``D`` are those of its equations.
 """
@@ -16,6 +16,7 @@ from sinstool.core.rotation import conjugate, exp, multiply, skew, to_dcm
 from sinstool.core.streams import GnssEpochs, concatenate, take_rows
 from sinstool.methods.ins_gnss import states
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
+from sinstool.methods.ins_gnss.gyro_delay import by_late_gyros
 from sinstool.methods.ins_gnss.latency import inertial_velocity
 from sinstool.methods.ins_gnss.results import FilterBlock, UpdateColumns
 from sinstool.methods.ins_gnss.settings import Settings, Start
@@ -34,18 +35,21 @@ _STRETCH_S = 15.0  # scores of different stretches of this length are independen
 
 @dataclass(frozen=True)
 class OffsetScores:
-    """Scores of each epoch for latency and lever arm; arrays of n rows.
+    """Scores of each epoch for latency, lever arm and delay of the gyros; arrays of n rows.
 
     Attributes
     ----------
     time_ns : ndarray of int64, shape (n,)
         When the fixes of each epoch are valid.
-    information, score : ndarray, shape (n, 4, 4) and (n, 4)
-        Of latency, s, and arm, FRD, m: ``(H V + D)^T S^-1 (H V + D)`` and ``(H V + D)^T S^-1 nu``.
+    information, score : ndarray, shape (n, 5, 5) and (n, 5)
+        Of latency, s, arm, FRD, m, and the delay of the gyros, s: ``(H V + D)^T S^-1 (H V + D)``
+        and ``(H V + D)^T S^-1 nu``.
     nis, rows : ndarray, shape (n,)
         Normalised innovation squared, and the number of its rows.
     turned : ndarray, shape (n, 3, 4, 4)
-        Products of V of each axis of attitude, NED.
+        Products of V of each axis of attitude, NED, by latency and arm.
+    lagging : ndarray, shape (n, 2)
+        Error of attitude by gyros that are 1 s late: rad, and over its sigma, where it is largest.
     used, begins : ndarray of bool, shape (n,)
         Whether the filter used the epoch, and whether it restarted there.
     """
@@ -56,11 +60,17 @@ class OffsetScores:
     nis: FloatArray
     rows: FloatArray
     turned: FloatArray
+    lagging: FloatArray
     used: BoolArray
     begins: BoolArray
 
     def __len__(self) -> int:
         return len(self.time_ns)
+
+    @property
+    def of_receiver(self) -> OffsetScores:
+        """The same with latency and arm only, as if gyros were not late."""
+        return replace(self, information=self.information[:, :4, :4], score=self.score[:, :4])
 
     @property
     def robust(self) -> OffsetScores:
@@ -128,8 +138,8 @@ def _at_start(run: InsGnssFilter, block: FilterBlock, interval: FloatArray) -> F
     """V at the start, whose position and velocity are those of the fixes: innovations are 0."""
     assert block.updates is not None
     _, d = _rows_of_fixes(run, block.updates, interval, block.updates.time_ns[:1])
-    off = np.zeros((run.kind.size, 4))
-    off[:6] = -d[0]
+    off = np.zeros((run.kind.size, 5))
+    off[:6, :4] = -d[0]
     return off
 
 
@@ -140,6 +150,9 @@ def _of_block(
     stored, gnss = block.stored, block.gnss
     assert block.updates is not None and stored is not None
     h, d = _rows_of_fixes(run, block.updates, interval, gnss.time_ns)
+    lagging, grown = by_late_gyros(block.updates, interval, gnss.time_ns, stored.time_ns)
+    by_attitude = h[:, :, states.ATTITUDE : states.ATTITUDE + 3] @ lagging[:, :, None]
+    d = np.concatenate([d, by_attitude], axis=2)
     there = np.isfinite(gnss.innovation)
     h, d = h * there[:, :, None], d * there[:, :, None]
     noise = np.where(there, gnss.measurement_sigma**2, 1.0)
@@ -164,9 +177,15 @@ def _of_block(
             more = following < len(row)
             more[more] = turn[following[more]] == k + 1
             p[following[more]] = after[more]
-    shown, turned = np.empty((len(row), 6, 4)), np.empty((len(row), 3, 4))
+    shown, turned = np.empty((len(row), 6, 5)), np.empty((len(row), 3, 5))
     off = off.copy()
-    _carry_sensitivity(stored.transition, row, h, d, gain, off, shown, turned, np.empty_like(off))
+    _carry_sensitivity(
+        stored.transition, grown, row, h, d, gain, off, shown, turned, np.empty_like(off)
+    )
+    off[:6, 4] += grown[-1]
+    sigma = np.sqrt(np.diagonal(p, axis1=1, axis2=2)[:, states.ATTITUDE : states.ATTITUDE + 3])
+    lagging = np.abs(lagging + turned[:, :, 4])
+    turned = turned[:, :, :4]
     weighed = np.swapaxes(shown, 1, 2) @ inverse
     scores = OffsetScores(
         gnss.time_ns,
@@ -175,6 +194,7 @@ def _of_block(
         np.einsum("ki,kij,kj->k", nu, inverse, nu),
         there.sum(axis=1).astype(np.float64),
         turned[:, :, :, None] * turned[:, :, None, :],
+        np.stack([lagging.max(axis=1), (lagging / sigma).max(axis=1)], axis=1),
         gnss.used,
         gnss.restarted,
     )
@@ -184,6 +204,7 @@ def _of_block(
 @kernel(vectorizes=False)
 def _carry_sensitivity(
     transition: FloatArray,
+    grown: FloatArray,
     row: IntArray,
     h: FloatArray,
     d: FloatArray,
@@ -199,45 +220,49 @@ def _carry_sensitivity(
     ----------
     transition : ndarray, shape (m, n, n)
         To each row.
+    grown : ndarray, shape (m + 1, 6)
+        See :func:`by_late_gyros`.
     row : ndarray of int64, shape (k,)
         Of each epoch, not decreasing.
-    h, d, gain : ndarray, shape (k, 6, n), (k, 6, 4) and (k, n, 6)
-    off : ndarray, shape (n, 4)
+    h, d, gain : ndarray, shape (k, 6, n), (k, 6, 5) and (k, n, 6)
+    off : ndarray, shape (n, 5)
         V, changed in place.
-    shown, turned : ndarray, shape (k, 6, 4) and (k, 3, 4)
+    shown, turned : ndarray, shape (k, 6, 5) and (k, 3, 5)
         Filled with ``H V + D``, and with V of the attitude after the epoch.
-    before : ndarray, shape (n, 4)
+    before : ndarray, shape (n, 5)
         Work space.
     """
     n = len(off)
     epoch = 0
     for i in range(len(transition)):
         for a in range(n):
-            for c in range(4):
+            for c in range(5):
                 before[a, c] = off[a, c]
                 off[a, c] = 0.0
         for a in range(n):
             for b in range(n):
                 f = transition[i, a, b]
                 if f != 0.0:
-                    for c in range(4):
+                    for c in range(5):
                         off[a, c] += f * before[b, c]
+        for a in range(6):
+            off[a, 4] += grown[i, a]
         while epoch < len(row) and row[epoch] <= i:
             for a in range(6):
-                for c in range(4):
+                for c in range(5):
                     shown[epoch, a, c] = d[epoch, a, c]
                 for b in range(n):
                     f = h[epoch, a, b]
                     if f != 0.0:
-                        for c in range(4):
+                        for c in range(5):
                             shown[epoch, a, c] += f * off[b, c]
             for a in range(n):
                 for b in range(6):
                     f = gain[epoch, a, b]
-                    for c in range(4):
+                    for c in range(5):
                         off[a, c] -= f * shown[epoch, b, c]
             for a in range(3):
-                for c in range(4):
+                for c in range(5):
                     turned[epoch, a, c] = off[states.ATTITUDE + a, c]
             epoch += 1
 

@@ -32,6 +32,7 @@ import numpy as np
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.clock_rate import STEADY, ClockRate, clock_rate
+from sinstool.methods.ins_gnss.gyro_delay import GYRO_DELAY_S, LEAST_SIGMA_S, GyroDelay
 from sinstool.methods.ins_gnss.latency import MAX_SIGMA_S, Latency, LatencyStatus
 from sinstool.methods.ins_gnss.offset_scores import OffsetScores, offset_scores
 from sinstool.methods.ins_gnss.settings import Settings, Start
@@ -95,6 +96,8 @@ class ReceiverOffsets:
         Factor by which the sigma of the latency exceeds that of the covariance, see :func:`settle`.
     clock : ClockRate
         Rate of change of the latency.
+    gyros : GyroDelay or None
+        Delay of the gyros, estimated together with latency and arm.
     """
 
     latency_s: float
@@ -109,6 +112,7 @@ class ReceiverOffsets:
     given: bool = True
     spread: float = 1.0
     clock: ClockRate = STEADY
+    gyros: GyroDelay | None = None
 
     @property
     def sigma_s(self) -> float:
@@ -246,9 +250,10 @@ def estimate_offsets(
     ReceiverOffsets or None
         None if too few fixes lie within the updates, or the filter diverges.
     """
-    scores = offset_scores(start, settings, parts, gnss)
-    if scores is None or len(scores) < _LEAST:
+    complete = offset_scores(start, settings, parts, gnss)
+    if complete is None or len(complete) < _LEAST:
         return None
+    scores = complete.of_receiver
     assumed = np.asarray(settings.lever_arm_b if assumed_b is None else assumed_b, np.float64)
     here = np.array([settings.gnss_latency, *settings.lever_arm_b])
     usual = np.array([0.0, *assumed])
@@ -260,7 +265,9 @@ def estimate_offsets(
     answer = ReceiverOffsets(
         float(free[0]), free[1:], covariance, off, sigma, turned, misfit, square, rows, given
     )
-    answer = replace(answer, clock=clock_rate(scores))
+    arm_m = ARM_GIVEN_M if given and not answer.arm_contradicts else ARM_UNKNOWN_M
+    gyros = _gyro_delay(complete, np.append(here, 0.0), np.append(usual, 0.0), arm_m)
+    answer = replace(answer, clock=clock_rate(scores), gyros=gyros)
     if not given or answer.arm_contradicts:
         return answer
     near, covariance, _ = _solved(scores, here, usual, ARM_GIVEN_M)
@@ -432,30 +439,39 @@ def _parabola(points: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return bend, 0.5 * (a + b) - left / bend
 
 
+def _gyro_delay(
+    scores: OffsetScores, here: FloatArray, usual: FloatArray, arm_m: float
+) -> GyroDelay:
+    """The delay of the gyros, whatever latency and arm are."""
+    found, covariance, _ = _solved(scores, here, usual, arm_m)
+    return GyroDelay.of(float(found[4]), float(np.sqrt(covariance[4, 4])), scores.lagging)
+
+
 def _solved(
     scores: OffsetScores, here: FloatArray, usual: FloatArray, arm_m: float
 ) -> tuple[FloatArray, FloatArray, float]:
     """Latency and arm, their covariance, and the misfit that is left.
 
-    From scores about `here` and a prior about `usual`.
+    From scores about `here` and a prior about `usual`. The delay of the gyros is a fifth one where
+    the scores have it.
     """
-    scores = scores.robust
-    prior = np.diag(1.0 / np.square([LATENCY_S, arm_m, arm_m, arm_m]))
+    scores, many = scores.robust, len(here)
+    prior = np.diag(1.0 / np.square([LATENCY_S, arm_m, arm_m, arm_m, GYRO_DELAY_S][:many]))
     pull = prior @ (usual - here)
     information, score = scores.information.sum(axis=0), scores.score.sum(axis=0)
-    many = float(scores.rows.sum())
+    rows = float(scores.rows.sum())
     # Innovations larger than the filter expects make everything that much less certain
     excess = 1.0
     for _ in range(2):
         covariance = np.linalg.inv(information / excess + prior)
         b = covariance @ (score / excess + pull)
         left = scores.nis.sum() - 2.0 * score @ b + b @ information @ b
-        misfit = float(left) / many
+        misfit = float(left) / rows
         excess = max(misfit, 1.0)
     covariance = np.linalg.inv(information / excess + prior)
     b = covariance @ (score / excess + pull)
     spread = scores.scatter(scores.score - scores.information @ b) / excess**2
     scattered = covariance @ (spread + prior) @ covariance
     more = np.sqrt(np.maximum(np.diag(scattered) / np.diag(covariance), 1.0))
-    least = np.diag(np.square([_LEAST_SIGMA_S, *[_LEAST_SIGMA_M] * 3]))
-    return here + b, covariance * np.outer(more, more) + least, misfit
+    least = [_LEAST_SIGMA_S, *[_LEAST_SIGMA_M] * 3, LEAST_SIGMA_S][:many]
+    return here + b, covariance * np.outer(more, more) + np.diag(np.square(least)), misfit

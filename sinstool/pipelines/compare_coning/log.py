@@ -74,6 +74,8 @@ class LogComparison:
 
     Attributes
     ----------
+    gyro_kind : {'rate', 'mean-rate', 'increment'}
+        Of the samples in the log.
     spectrum : ConingSpectrum or None
         Of the longest stretch.
     passband, stopband : float or None
@@ -84,6 +86,7 @@ class LogComparison:
 
     path: Path
     topic: str
+    gyro_kind: str
     comparison: Comparison
     spectrum: ConingSpectrum | None
     passband: float | None
@@ -188,6 +191,7 @@ def compare_log(
     return LogComparison(
         path,
         source.imu_topic.topic,
+        config.input.sample_kind,
         comparison,
         coning_spectrum(longest, interval, kind) if long_enough else None,
         bands.passband,

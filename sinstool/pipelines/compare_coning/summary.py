@@ -258,7 +258,7 @@ def summarise(log: LogComparison) -> ComparisonResult:
             imu_topic=log.topic,
             samples=c.samples,
             duration_s=c.duration_s,
-            gyro_kind=c.kind,
+            gyro_kind=log.gyro_kind,
             window_s=c.settings.window_s,
             passband_hz=log.passband,
             stopband_hz=log.stopband,

@@ -22,6 +22,7 @@ from sinstool.pipelines.process.mode import Mode
 from sinstool.pipelines.process.output import Output
 from sinstool.pipelines.process.result import ProcessResult
 from sinstool.pipelines.process.summary import FinalState, Sink
+from sinstool.survey.antenna import with_antenna
 from sinstool.survey.source import Source, prepare
 
 # What a mode needs is imported when it runs: together it takes longer to import than most logs to
@@ -96,7 +97,7 @@ def _carry_out(
     source: Source, plan: Plan, config: ProcessConfig, written: Output, progress: Progress | None
 ) -> ProcessResult:
     """Write the solutions of the mode that the plan names."""
-    config = as_planned(config, plan.gyro_samples.value)
+    config = with_antenna(as_planned(config, plan.gyro_samples.value), source.antenna_b)
     module, _, name = MODES[plan.mode.value].partition(":")
     mode = cast(Mode, getattr(import_module(module), name)(source, config, plan))
     computing = share(progress, source.log.size, 0.5)

@@ -12,7 +12,7 @@ def ns(seconds):
 
 
 def test_reasons():
-    p = [np.nan, np.inf, 0.0, -3.0, 5399.0, 5.4e3, 101325.0, 1.2e5, 120001.0]
+    p = [np.nan, np.inf, 0.0, -3.0, 867.0, 868.1, 101325.0, 1.2e5, 120001.0]
     expected = [NOT_FINITE] * 2 + [OUT_OF_RANGE] * 3 + [ACCEPTED] * 3 + [OUT_OF_RANGE]
     assert pressure_reason(p).tolist() == expected
 
@@ -32,6 +32,11 @@ def test_unit(factor, unit, pressure):
     assert suspected.unit == unit
     assert suspected.samples == 100
     assert suspected.median == pytest.approx(pressure * factor, rel=1e-3)
+
+
+def test_unit_of_a_log_that_begins_high_up():
+    assert suspected_unit([1197.0, 1201.0, 1203.0]).unit == "Pa"
+    assert suspected_unit([4000.0]).unit == "Pa"
 
 
 def test_unit_of_nothing():

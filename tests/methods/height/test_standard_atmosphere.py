@@ -24,6 +24,8 @@ ATMOSPHERE = [
     (15000, 12044.6),
     (20000, 5474.89),
 ]
+# Of the layers above, as the U.S. Standard Atmosphere of 1976 prints them, to five digits.
+HIGH = [(25000, 2511.0), (30000, 1171.9), (32000, 868.02), (40000, 277.52), (47000, 110.91)]
 
 
 @pytest.mark.parametrize(("height", "pressure"), ATMOSPHERE)
@@ -32,14 +34,27 @@ def test_standard_atmosphere(height, pressure):
     assert pressure_at(height) == pytest.approx(pressure, rel=4e-6)
 
 
-@given(st.floats(-2000.0, 20000.0))
+@pytest.mark.parametrize(("height", "pressure"), HIGH)
+def test_layers_above_20_km(height, pressure):
+    assert pressure_at(height) == pytest.approx(pressure, rel=5e-5)
+    assert pressure_altitude(pressure) == pytest.approx(height, abs=0.4)
+
+
+@pytest.mark.parametrize("base", [11000.0, 20000.0, 32000.0])
+def test_layers_join(base):
+    below, above = pressure_at([base - 1e-6, base + 1e-6])
+    assert below == pytest.approx(above, rel=1e-9)
+    assert height_per_pascal(below) == pytest.approx(height_per_pascal(above), rel=1e-9)
+
+
+@given(st.floats(-2000.0, 47000.0))
 def test_inverse(height):
     assert pressure_altitude(pressure_at(height)) == pytest.approx(height, abs=1e-7)
 
 
-@given(st.floats(5500.0, 115000.0))
+@given(st.floats(120.0, 115000.0))
 def test_slope(pressure):
-    step = 0.01
+    step = 1e-5 * pressure
     ends = pressure_altitude(np.array([pressure - step, pressure + step]))
     assert height_per_pascal(pressure) == pytest.approx((ends[1] - ends[0]) / (2 * step), rel=1e-5)
 

@@ -31,6 +31,7 @@ def scores(rate, latency=0.05, count=1800, seed=1, speed=15.0, sigma=0.05):
         innovation**2,
         np.ones(count),
         np.zeros((count, 3, 4, 4)),
+        np.zeros((count, 2)),
         np.ones(count, bool),
         np.zeros(count, bool),
     )

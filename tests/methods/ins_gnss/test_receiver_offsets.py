@@ -29,7 +29,15 @@ def scores(nis, rows=6.0, latency=0.05, weight=400.0):
     none = np.zeros(n, bool)
     seconds = np.arange(n, dtype=np.int64) * 10**9
     return OffsetScores(
-        seconds, information, score, np.asarray(nis), many, np.zeros((n, 3, 4, 4)), ~none, none
+        seconds,
+        information,
+        score,
+        np.asarray(nis),
+        many,
+        np.zeros((n, 3, 4, 4)),
+        np.zeros((n, 2)),
+        ~none,
+        none,
     )
 
 
@@ -88,7 +96,11 @@ def test_innovations_beyond_what_is_expected_make_offsets_that_much_less_certain
 
 @pytest.mark.parametrize("count", [_LEAST - 1, _LEAST])
 def test_a_few_epochs_give_no_offsets(monkeypatch, count):
-    monkeypatch.setattr(receiver_offsets, "offset_scores", lambda *_: scores(np.full(count, 6.0)))
+    made = scores(np.full(count, 6.0))
+    # That of the gyros says nothing
+    information = np.pad(made.information, ((0, 0), (0, 1), (0, 1)))
+    made = replace(made, information=information, score=np.pad(made.score, ((0, 0), (0, 1))))
+    monkeypatch.setattr(receiver_offsets, "offset_scores", lambda *_: made)
     found = estimate_offsets(None, Settings(), [], None)
     assert (found is None) == (count < _LEAST)
 

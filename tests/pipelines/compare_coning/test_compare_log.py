@@ -79,7 +79,10 @@ def test_increments_become_mean_rates(moving):
     np.testing.assert_allclose(
         result[0].gyro[1:], gyro[1 : len(result[0])] * [1.0, -1.0, -1.0], rtol=1e-9
     )
-    assert compare_log(path, config(FEW, gyro_kind="increment")).comparison.kind == "mean-rate"
+    compared = compare_log(path, config(FEW, gyro_kind="increment"))
+    assert compared.comparison.kind == "mean-rate"
+    # What is printed is what the log has
+    assert summarise(compared).meta.gyro_kind == "increment"
 
 
 def test_given_rate_replaces_intervals(moving):

@@ -33,6 +33,7 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, Likeli
 from sinstool.pipelines.process.ins_gnss.first_start import first_start
 from sinstool.pipelines.process.ins_gnss.imu_drift import Drift
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit
+from sinstool.pipelines.process.ins_gnss.late_gyros import late_gyros, settled_delay
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import denied_attitude
 from sinstool.pipelines.process.ins_gnss.timing import motion_from, white_noise
 from sinstool.survey.grade import BRIEF_REST_S
@@ -78,6 +79,7 @@ def compare_with_log(
             likelier=likelier,
             bias_at_rest=0.0 if known else _bias_at_rest(source, start.settings.imu),
         )
+    start = settled_delay(source, config, algorithm, start)
     return replace(
         start,
         turned=_turned(source, config, algorithm, start),
@@ -225,6 +227,7 @@ def contradictions(start: FilterStart, survey: Sequence[Finding]) -> list[Findin
     return [
         *(drifts_too_far(start.drifts) or far_likelier(start) or denied_at_rest(start)),
         *turned_by_offsets(start),
+        *late_gyros(start),
         *denied_attitude(start),
         *unexplained_velocities(start),
         *impossible_gyros(start),

@@ -217,13 +217,23 @@ def receiver_stated(config: ProcessConfig) -> bool:
 
 
 def too_good(source: Source, config: ProcessConfig, settings: Settings) -> list[str]:
-    """Warning of a gyro whose configured noise is far below its noise at rest."""
-    shown, assumed = gyro_walk_shown(source), settings.imu.angle_random_walk
-    if not imu_stated(config) or shown is None or shown < NOISIER * assumed:
+    """Warnings of sensors whose configured noise is far below their noise at rest.
+
+    Accelerometers feel an engine or people more than gyros do.
+    """
+    if not imu_stated(config):
         return []
-    size = 60.0 / DEGREE
+    walks, imu = random_walks(source), settings.imu
+    accel = None if walks is None else walks[1]
+    sensors = (
+        ("the gyro's", gyro_walk_shown(source), imu.angle_random_walk, 60.0 / DEGREE, "deg", "arw"),
+        ("the accelerometers'", accel, imu.velocity_random_walk, 60.0, "m/s", "vrw"),
+    )
     return [
-        f"the gyro's noise at rest is {size * shown:.2g} deg/sqrt(h), but the filter was set to"
-        f" {size * assumed:.2g} (--imu-grade, --imu-noise, --arw): its sigmas will be too"
-        " small; leave that option out"
+        f"{whose} noise at rest is {size * shown:.2g} {unit}/sqrt(h), but the filter was set to"
+        f" {size * assumed:.2g} (--imu-grade, --imu-noise, --{option}):"
+        f"{' unless an engine or people shake the IMU there,' if unit == 'm/s' else ''} its sigmas"
+        " will be too small; leave that option out"
+        for whose, shown, assumed, size, unit, option in sensors
+        if shown is not None and shown >= NOISIER * assumed
     ]

@@ -236,6 +236,22 @@ class FilterStart:
             settings = replace(settings, gnss_latency=shown.latency_s)
         return replace(self, settings=settings)
 
+    def with_latency(self, latency_s: float, at_start_s: float | None = None) -> FilterStart:
+        """The same with another latency, s, of which that at the start may differ.
+
+        The position of a start is that of a fix, which with another latency is valid at another
+        time: its covariance grows by the distance moved in between.
+        """
+        begun, settings = self.start, self.settings
+        at_start_s = latency_s if at_start_s is None else at_start_s
+        off = begun.nav[3:6] * (at_start_s - settings.gnss_latency)
+        covariance = begun.covariance_position_n + np.outer(off, off)
+        return replace(
+            self,
+            settings=replace(settings, gnss_latency=latency_s),
+            start=replace(begun, covariance_position_n=covariance),
+        )
+
     def used_until(self, time_ns: int) -> GnssEpochs:
         """Epochs that are used and valid up to a time, for runs that end there."""
         return self._until(self.used, time_ns)

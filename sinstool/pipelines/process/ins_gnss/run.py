@@ -63,6 +63,7 @@ from sinstool.pipelines.process.ins_gnss.false_fixes import find_false_fixes
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
 from sinstool.pipelines.process.ins_gnss.sample_kind import with_sample_kind
 from sinstool.pipelines.process.ins_gnss.start import earliest_start, timed_start
+from sinstool.pipelines.process.ins_gnss.stated_antenna import start_by_antenna
 from sinstool.pipelines.process.ins_gnss.untrusted import (
     TOO_MANY_REJECTED,
     doubts,
@@ -111,9 +112,9 @@ class FilterRun(Mode):
         source, first, false = find_false_fixes(source, config, algorithm, plan.filter_start)
         first = before_short_gaps(source, config, algorithm, first)
         config, first, start, means = with_sample_kind(source, config, plan, first)
-        self._shown = [*false, *means]
+        config, self._planned, antenna = start_by_antenna(source, config, algorithm, first, start)
+        self._shown = [*false, *means, *antenna]
         super().__init__(source, config, plan)
-        self._planned = timed_start(source, config, algorithm, first, start)
         self._start = start = start_before_gaps(source, config, algorithm, self._planned)
         self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")
         self._lag = HeightLag(start.reference, config.vertical.baro_lag)
@@ -129,8 +130,7 @@ class FilterRun(Mode):
             config.input.body_axes,
             (latitude, longitude, height),
         )
-        self._detailed = False
-        self._updates = 0
+        self._detailed, self._updates = False, 0
         self._earliest: Solution | None = None
         self._gnss: list[GnssDiagnostics] = []
         self._unwritten: list[GnssDiagnostics] = []

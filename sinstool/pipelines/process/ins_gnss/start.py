@@ -179,7 +179,19 @@ def timed(
             first = timed
             noisy = begin(first.settings.gnss_latency, None)
             timed = with_offsets(source, config, algorithm, noisy, begin)
-    return _wandering(source, config, algorithm, timed)
+    return _wandering(source, config, algorithm, _without_trial(timed))
+
+
+def _without_trial(start: FilterStart) -> FilterStart:
+    """A start with the likeliest latency, if that of the fixes it was found at was a mere trial.
+
+    The log does not show the latency then, and the one tried may be far beyond its prior.
+    """
+    shown = start.offsets
+    if shown is None or start.latency_status != "not observable":
+        return start
+    tried = start.settings.gnss_latency
+    return start if tried == 0.0 else start.with_latency(shown.latency_s)
 
 
 def _wandering(

@@ -55,22 +55,16 @@ class WholeLogLatency:
     clock: ClockRate = STEADY
 
     def used_by(self, start: FilterStart) -> FilterStart:
-        """A start with this latency.
-
-        The position of a start is that of a fix, which with another latency is valid at another
-        time: its covariance grows by the distance moved in between.
-        """
-        begun, settings = start.start, start.settings
-        latency = self.latency_s + self.clock.latency_at(start.time_ns)
-        off = begun.nav[3:6] * (latency - settings.gnss_latency)
-        covariance = begun.covariance_position_n + np.outer(off, off)
+        """A start with this latency."""
+        shown, offsets = start.offsets, self.offsets
+        if shown is not None and shown.gyros is not None and shown.gyros.shown:
+            offsets = replace(offsets, gyros=shown.gyros)
+        at_start_s = self.latency_s + self.clock.latency_at(start.time_ns)
         return replace(
-            start,
-            settings=replace(settings, gnss_latency=self.latency_s),
-            start=replace(begun, covariance_position_n=covariance),
+            start.with_latency(self.latency_s, at_start_s),
             gnss=self.clock.corrected(start.gnss),
             clock=start.clock.plus(self.clock),
-            offsets=self.offsets,
+            offsets=offsets,
             latency_status="found",
         )
 
