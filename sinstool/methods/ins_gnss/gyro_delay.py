@@ -69,6 +69,11 @@ class GyroDelay:
         return abs(self.delay_s) * self.each_second[1]
 
     @property
+    def denied(self) -> bool:
+        """Whether the log shows that they are of the same time, to what matters."""
+        return 2.0 * self.sigma_s < _LEAST_S and abs(self.delay_s) < 2.0 * self.sigma_s
+
+    @property
     def shown(self) -> bool:
         """Whether the log shows that gyros and accelerometers are of different times."""
         return abs(self.delay_s) > max(_LEAST_S, _BEYOND * self.sigma_s)

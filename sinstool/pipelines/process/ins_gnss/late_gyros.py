@@ -38,8 +38,10 @@ def settled_delay(
     Errors by a long delay are not linear in it, so that the first estimate is too small.
     """
     shown, stated_b = start.offsets, config.gnss.lever_arm
-    motion = None if shown is None else motion_from(source, config, algorithm, start.time_ns)
-    if shown is None or motion is None:
+    if shown is None or shown.gyros is None or shown.gyros.denied:
+        return start
+    motion = motion_from(source, config, algorithm, start.time_ns)
+    if motion is None:
         return start
 
     def about(delay: float, latency: float) -> ReceiverOffsets | None:

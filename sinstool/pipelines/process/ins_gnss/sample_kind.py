@@ -28,7 +28,7 @@ from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.survey.source import Source
 
 MEANS = "mean-rate"
-# Fixes noisier than this, m, do not show half a sample.
+# Fixes noisier than this, m, that seem to be valid at their stamps, do not show half a sample.
 MOST_NOISE = 0.3
 # A latency is minus half a sample if it is so within this many sigmas, or s.
 SIGMAS, LEAST_NEAR_S = 3.0, 0.002
@@ -55,14 +55,14 @@ def with_sample_kind(
     findings : list of Finding
         A note if samples are read as means.
     """
-    if _coarse(first) or plan.gyro_samples.configured or config.input.sample_kind != "rate":
+    if plan.gyro_samples.configured or config.input.sample_kind != "rate":
         return config, first, None, []
     start, means = timed(source, config, plan.algorithm, first), as_planned(config, MEANS)
     same = config, first, start, list[Finding]()
-    if _coarse(start):
-        return same
     at_stamps = start.latency_status == "given" or start.settings.gnss_latency == 0.0
     if at_stamps:
+        if _coarse(start):
+            return same
         before = _cost(source, config, plan.algorithm, start)
         if not _cost(source, means, plan.algorithm, start) < before - LEAST_GAIN:
             return same

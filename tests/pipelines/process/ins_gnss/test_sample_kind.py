@@ -1,4 +1,4 @@
-"""Whether samples are means or rates shows where fixes are good to a centimetre."""
+"""Whether samples are means or rates shows where fixes are good, or samples long."""
 
 from dataclasses import replace
 
@@ -18,9 +18,9 @@ def recorded(make, seed, sigma=0.02):
     return record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma=sigma, sigma_v=0.05)
 
 
-def at_instants(data):
+def at_instants(data, every=4):
     """The same at 50 Hz, each sample the mean over 10 ms about its stamp: as good as a rate."""
-    k = np.arange(3, len(data.seconds) - 1, 4)
+    k = np.arange(every - 1, len(data.seconds) - 1, every)
     gyro, accel = (0.5 * (part[k] + part[k + 1]) for part in (data.gyro, data.accel))
     return replace(data, seconds=data.seconds[k], gyro=gyro, accel=accel)
 
@@ -64,8 +64,18 @@ def test_rates_are_read_as_rates(tmp_path, make):
 
 
 @pytest.mark.slow
+def test_coarse_fixes_show_half_of_a_long_sample(tmp_path):
+    """Of 20 ms at 25 Hz, by a latency that no fix has."""
+    for seed in range(3):
+        data = recorded(drive, seed, sigma=0.5)
+        for samples, read in ((slower(data, 8), True), (at_instants(data, 8), False)):
+            log = write(tmp_path / "log.mcap", samples)
+            assert ("gyro-kind-used" in kinds(run(log, gnss=dict(ARM))[0])) == read
+
+
+@pytest.mark.slow
 def test_coarse_fixes_and_unknown_latencies_show_nothing(tmp_path):
-    log = write(tmp_path / "log.mcap", slower(recorded(drive, 1, sigma=0.5), 4))
+    log = write(tmp_path / "log.mcap", recorded(drive, 1, sigma=0.5))
     assert "gyro-kind-used" not in kinds(run(log, gnss=dict(ARM))[0])
     data = record(drive(1, 240.0, rest=20.0), GRADES["industrial"], 1, gnss_rate=5.0, latency=0.1)
     log = write(tmp_path / "log.mcap", slower(data, 4))
