@@ -13,7 +13,7 @@ from sinstool.core.arrays import IntArray
 from sinstool.core.choices import log_choice
 from sinstool.core.earth import EARTH_RATE, earth_rate_n
 from sinstool.core.errors import AlignmentError
-from sinstool.core.rotation import conjugate, log, multiply
+from sinstool.core.rotation import conjugate, exp, log, multiply
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
@@ -25,7 +25,7 @@ from sinstool.methods.sensor_errors import IMU_GRADES, LOW_COST, Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.receiver_ahead import RECEIVER_CLOCK
 from sinstool.survey.rest import longest_rest
-from sinstool.survey.source import Source
+from sinstool.survey.source import Source, rate_blocks
 
 # Alignment in motion and gyrocompassing are imported where they are used: most logs need neither,
 # and they take as long to import as an hour of attitude.
@@ -279,6 +279,7 @@ def _from_motion(
         if far and len(after):
             reached = _carried_back(moving, source, config, int(after[0]), limit)
     time_ns, q_nb, covariance = reached
+    time_ns, q_nb = _at_sample(source, config, time_ns, q_nb, moving.refined_bias)
     bias, source_of_bias = moving.gyro_bias, "rest" if moving.gyro_bias.any() else "none"
     bias_sigma = None
     if config.align.gyro_bias == "still" and result.errors is not None:
@@ -306,6 +307,19 @@ def _from_motion(
         gyro_bias_sigma=bias_sigma,
         bias_searched=moving.bias_by_motion,
     )
+
+
+def _at_sample(
+    source: Source, config: ProcessConfig, time_ns: int, q_nb: np.ndarray, gyro_bias: np.ndarray
+) -> tuple[int, np.ndarray]:
+    """Time of the first sample from a time on, with which a run begins, and the attitude there."""
+    for block in rate_blocks(source, config, time_ns):
+        sample_ns = int(block.time_ns[0])
+        if sample_ns - time_ns > source.survey.max_gap_ns:
+            break
+        turned = (block.gyro[0] - gyro_bias) * (sample_ns - time_ns) / SECOND
+        return sample_ns, multiply(q_nb, exp(turned))
+    return time_ns, q_nb
 
 
 def _carried_back(

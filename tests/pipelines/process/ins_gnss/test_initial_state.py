@@ -1,5 +1,6 @@
-"""What a filter starts from, in words."""
+"""What a filter starts from."""
 
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import AlignmentError
+from sinstool.core.rotation import to_dcm
 from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE
 from sinstool.pipelines.process.ins_gnss import initial_state
 from sinstool.pipelines.process.ins_gnss.initial_state import _how
 from tests.helpers.filter_logs import first_start_of, start_of
@@ -16,12 +19,14 @@ from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
     GRADES,
     LEVER,
+    drive,
     multicopter,
     record,
     sensor_errors,
     straight_flight,
     write,
 )
+from tests.helpers.unseen_errors import slower
 
 CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 
@@ -90,3 +95,43 @@ def test_the_first_velocity_by_positions_is_that_of_the_imu(tmp_path, seed, rate
     off = start.start.nav[3:6] - truth.velocity_n[row]
     assert (np.abs(off) < 3.5 * np.sqrt(np.diag(start.start.covariance_velocity_n))).all()
     assert np.abs(off).max() < 0.1 + sigma
+
+
+def part(data, samples_from, fixes_from):
+    """The same recording, begun later."""
+    kept, fixes = data.seconds > samples_from, data.fixes
+    rows = fixes.seconds > fixes_from
+    columns = {
+        field.name: value[rows]
+        for field in fields(fixes)
+        if isinstance(value := getattr(fixes, field.name), np.ndarray) and len(value) == len(rows)
+    }
+    return replace(
+        data,
+        seconds=data.seconds[kept],
+        gyro=data.gyro[kept],
+        accel=data.accel[kept],
+        fixes=replace(fixes, **columns),
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("every", [1, 8], ids=["200 Hz", "25 Hz"])
+@pytest.mark.parametrize("fixes_from", [145.0, 151.5])
+def test_the_attitude_is_that_of_the_sample_at_which_the_filter_starts(tmp_path, every, fixes_from):
+    """Not that of the fix before it, up to a sample earlier: a vehicle turns in 40 ms."""
+    errors = []
+    for seed in (1, 2, 3):
+        truth = drive(seed, 400.0, rest=30.0)
+        data = record(truth, GRADES["tactical"], seed, gnss_rate=1.0, sigma=0.14, sigma_v=0.076)
+        data = part(slower(data, every), 150.0, fixes_from)
+        log = write(tmp_path / "log.mcap", data)
+        start = start_of(
+            log, gnss={"lever_arm": tuple(LEVER.tolist())}, input={"gyro_kind": "mean-rate"}
+        )
+        seconds = np.array([(start.time_ns - T0) * 1e-9])
+        nav = start.start.nav
+        error = truth.errors_of(seconds, *nav[:3, None], nav[None, 3:6], to_dcm(nav[None, 6:10]))
+        errors.append(error[0, 6:] / DEGREE)
+    worst = np.abs(errors).max(axis=0)
+    assert np.all(worst[:2] < 0.04) and worst[2] < 0.2
