@@ -13,9 +13,9 @@ from tests.helpers.paths import ROOT
 
 BEGUN = time.monotonic()
 
-# The first call of a compiled loop takes seconds; a deadline would call that a failure. All runs have
-# the same examples, so that a change is refused for what it does, not by chance: others come with
-# --hypothesis-profile random.
+# The first call of a compiled loop takes seconds; a deadline would call that a failure. All runs
+# have the same examples, so that a change is refused for what it does, not by chance: others come
+# with --hypothesis-profile random.
 settings.register_profile("same", deadline=None, derandomize=True)
 settings.register_profile("random", deadline=None)
 settings.load_profile("same")
