@@ -23,6 +23,7 @@ from sinstool.core.order_statistics import median, quantile
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.core.timeline import SECOND
+from sinstool.survey.late_stamps import BELIEVED, HALF_WAY, right_stamps
 
 # Fixes that show the phase of the stamps together.
 PHASE_FIXES = 32
@@ -45,9 +46,6 @@ SKEWED = 0.5
 WAITED = 4.0
 # Delays that vary by less, s (1 sigma), hardly matter.
 LEAST_S = 0.001
-# A regression on the delays gives 0 for even fixes and 1 if the stamps are right: the limit between
-# both, and the sigmas by which it has to be below.
-HALF_WAY, BELIEVED = 0.5, 4.0
 # Residuals beyond so many times the usual one are of false fixes; a change from fix to fix by less
 # than so many may be noise, which makes the regression give 0. Fewest changes that show something.
 FALSE, MOVES, LEAST_MOVING = 6.0, 4.0, 40
@@ -105,12 +103,8 @@ class EvenFixes:
             residuals.append(residual[rows])
             expectations.append(change[rows] / (self.interval_ns / SECOND) * late[rows])
         residual, expected = np.concatenate(residuals), np.concatenate(expectations)
-        square = float(np.sum(expected**2))
-        if len(expected) < LEAST_MOVING or not square:
-            return False
-        factor = float(np.sum(residual * expected)) / square
-        sigma = float(np.sqrt(np.sum((residual - factor * expected) ** 2 * expected**2))) / square
-        return factor + BELIEVED * sigma < HALF_WAY
+        factor, sigma = right_stamps(residual, expected)
+        return len(expected) >= LEAST_MOVING and factor + BELIEVED * sigma < HALF_WAY
 
 
 def _between(values: FloatArray, inner: IntArray) -> FloatArray:

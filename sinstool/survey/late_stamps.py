@@ -98,11 +98,7 @@ class Late:
         gaps = np.diff(self.even_ns) > GAP_INTERVALS * self.usual_ns
         whole = np.convolve(gaps, np.ones(6))[5:-5] < 1
         residual, expected = residual[whole], expected[whole]
-        square = float(np.sum(expected**2))
-        if not square:
-            return False
-        factor = float(np.sum(residual * expected)) / square
-        sigma = float(np.sqrt(np.sum((residual - factor * expected) ** 2 * expected**2))) / square
+        factor, sigma = right_stamps(residual, expected)
         return factor > HALF_WAY and factor > BELIEVED * sigma
 
     def matter(self, increments: bool) -> bool:
@@ -121,6 +117,31 @@ class Late:
         change = float(np.mean(np.square(np.diff(rate, axis=0))))
         noise = float(np.mean(np.square(np.diff(rate, 6, axis=0)))) / SIXTH
         return float(np.std(self.late_s)) ** 2 * change > interval**2 * noise
+
+
+def right_stamps(residual: FloatArray, expected: FloatArray) -> tuple[float, float]:
+    """How right stamps are, from 0, where even times are, to 1, and the sigma of that.
+
+    By a regression whose sigma allows for residuals of any size (White 1980).
+
+    Parameters
+    ----------
+    residual : ndarray
+        Values less those that their neighbours give at even times.
+    expected : ndarray
+        The same if the stamps are right.
+
+    Returns
+    -------
+    factor, sigma : float
+        0 and infinity where nothing is expected.
+    """
+    square = float(np.sum(expected**2))
+    if not square:
+        return 0.0, np.inf
+    factor = float(np.sum(residual * expected)) / square
+    sigma = float(np.sqrt(np.sum((residual - factor * expected) ** 2 * expected**2))) / square
+    return factor, sigma
 
 
 def _between(values: FloatArray) -> FloatArray:
