@@ -12,6 +12,10 @@ import numpy as np
 
 from sinstool.core.arrays import ArrayLike
 
+# Of normal values: their sigma over their median absolute deviation (MAD), and the sigma of the
+# median of many over that of their mean.
+SIGMA_PER_MAD, MEDIAN_OVER_MEAN = 1.4826, 1.2533
+
 
 def median(values: ArrayLike, axis: int | None = None) -> np.ndarray:
     """Median of all values or along an axis; NaN where a value is NaN.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.order_statistics import SIGMA_PER_MAD
 
 # Latencies that are tried, s, and over how much the slope of a reading is taken
 EARLIEST_S, LATEST_S, STEP_S, SLOPE_S = -0.3, 1.0, 0.01, 0.05
@@ -133,7 +134,7 @@ def fit_wheels(
         costs = [_cost(mean(t[used] + each), *some[2:], prior) for each in lags]
         scale, lag, slip = _refined(*some, prior, float(lags[np.argmin(costs)]))
         rest = speed - scale * mean(t + lag) + slip * push
-        sigma = max(1.4826 * float(np.median(np.abs(rest))), FINEST * fastest)
+        sigma = max(SIGMA_PER_MAD * float(np.median(np.abs(rest))), FINEST * fastest)
         before, used = used, np.abs(rest) <= SIGMAS * sigma
         if used.sum() < LEAST:
             return None
@@ -204,7 +205,7 @@ def slipping_wheels(
     for _ in range(ROUNDS):
         track = float(turn[rolling] @ apart[rolling] / (turn[rolling] @ turn[rolling]))
         rest = apart - track * turn
-        sigma = 1.4826 * float(np.median(np.abs(rest[rolling])))
+        sigma = SIGMA_PER_MAD * float(np.median(np.abs(rest[rolling])))
         most = SIGMAS * max(sigma, FINEST * fastest) + 0.01 * np.abs(speed)
         rolling = moving & (np.abs(rest) <= most)
         if not turn[rolling].any():

@@ -17,15 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.order_statistics import median
+from sinstool.core.order_statistics import MEDIAN_OVER_MEAN, SIGMA_PER_MAD, median
 from sinstool.core.timeline import GAP_INTERVALS, SECOND
 
 # Steps below this are lost in the delays of messages, ns.
 LEAST_NS = 20_000_000
 # Messages on each side that are compared: those of half a second, but so many.
 NEAR_NS, FEWEST, FEW, MANY = SECOND // 2, 3, 8, 100
-# Standard deviation of the median of many, from their median absolute deviation: 1.4826 * 1.2533.
-MEDIAN = 1.858
 # A step is so many of its standard deviations in size, and the times on both sides of it show it
 # but for this share.
 SURE, ALIKE = 6.0, 0.3
@@ -254,7 +252,8 @@ def _level(values: FloatArray, row: int, interval: float) -> Level:
     for part in (values[:row], values[row:]):
         middle = float(median(part))
         medians.append(middle)
-        variance += (MEDIAN * float(median(np.abs(part - middle)))) ** 2 / len(part)
+        sigma = MEDIAN_OVER_MEAN * SIGMA_PER_MAD * float(median(np.abs(part - middle)))
+        variance += sigma**2 / len(part)
     return Level(medians[1] - medians[0], variance**0.5, interval, medians[0])
 
 

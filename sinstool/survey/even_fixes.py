@@ -19,7 +19,7 @@ import numpy as np
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.finding import Finding
-from sinstool.core.order_statistics import median, quantile
+from sinstool.core.order_statistics import MEDIAN_OVER_MEAN, SIGMA_PER_MAD, median, quantile
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Velocity
 from sinstool.core.timeline import SECOND
@@ -49,8 +49,6 @@ LEAST_S = 0.001
 # Residuals beyond so many times the usual one are of false fixes; a change from fix to fix by less
 # than so many may be noise, which makes the regression give 0. Fewest changes that show something.
 FALSE, MOVES, LEAST_MOVING = 6.0, 4.0, 40
-# Of normal values: sigma over the median deviation, and that of a median over that of a mean
-_NORMAL, OF_MEDIAN = 1.4826, 1.2533
 
 
 @dataclass(frozen=True)
@@ -202,14 +200,14 @@ def _run(stamps: FloatArray, interval: float) -> tuple[FloatArray, IntArray] | N
     number = place + np.minimum.accumulate((number - place)[::-1])[::-1]
     late, since = stamps - interval * number, stamps - stamps.mean()
     off = late - median(late)
-    scatter = _NORMAL * median(np.abs(off))
+    scatter = SIGMA_PER_MAD * median(np.abs(off))
     # What waited for seconds, in a stall of the computer, says nothing of the line
     kept = np.where(np.abs(off) < WAITED * scatter, off, 0.0)
     line = late - off + kept.mean() + since * float(since @ kept) / float(since @ since)
     edges = _edges(len(stamps), max(KNOT_FIXES, round(KNOT_S * SECOND / interval)))
     beside = late - line
     knots = np.array([median(beside[a:b]) for a, b in pairwise(edges.tolist())])
-    if np.std(knots) > DRIFTS * OF_MEDIAN * scatter / np.sqrt(np.diff(edges).min()):
+    if np.std(knots) > DRIFTS * MEDIAN_OVER_MEAN * scatter / np.sqrt(np.diff(edges).min()):
         line = line + np.interp(stamps, _means(stamps, edges), knots)
     else:
         line = line + median(beside)

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.order_statistics import median, quantile
+from sinstool.core.order_statistics import MEDIAN_OVER_MEAN, SIGMA_PER_MAD, median, quantile
 from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import GAP_INTERVALS, SECOND
 from sinstool.survey.late_stamps import LONGEST, MISSED, Late
@@ -233,7 +233,8 @@ def _by_halves(sums: IntArray, half: int) -> tuple[float, float]:
     usual = float(median(steps))
     # Of a median, by the median deviation of stretches, of which so many do not overlap
     off = float(median(np.abs(steps - usual)))
-    return usual / half, 1.2533 * 1.4826 * off / half / np.sqrt(len(sums) / (2 * half))
+    sigma = MEDIAN_OVER_MEAN * SIGMA_PER_MAD * off / np.sqrt(len(sums) / (2 * half))
+    return usual / half, sigma / half
 
 
 def _lines(stamp_ns: IntArray, single: bool) -> EvenStamps:

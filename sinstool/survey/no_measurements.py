@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core.arrays import ROUNDING, BoolArray, FloatArray, IntArray
+from sinstool.core.order_statistics import SIGMA_PER_MAD
 from sinstool.core.parts import kernel, part
 from sinstool.core.streams import Imu
 from sinstool.survey.stuck_axes import AXES, AxisRuns, StuckAxis
@@ -44,8 +45,6 @@ LEAST_DEAD = 500
 EACH, PER_OCTAVE, BINS = 32, 8.0, 1024
 # Of the mean specific force, m/s^2.
 LEAST_FORCE = 1.0
-# The median of what is normal, in sigmas.
-MEDIAN = 0.6745
 # More are not listed.
 MOST = 20_000
 
@@ -220,7 +219,7 @@ class Suspects:
             return []
         usual = int(np.searchsorted(np.cumsum(self._lengths), 0.5 * self._lengths.sum()))
         least = max(LEAST_ALIKE, MORE_THAN_USUAL * usual)
-        sigma = step[shows] / MEDIAN
+        sigma = SIGMA_PER_MAD * step[shows]
         return [
             run
             for run in self._runs

@@ -15,6 +15,7 @@ from sinstool.config import InputOptions
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.finding import Finding
+from sinstool.core.order_statistics import SIGMA_PER_MAD
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
@@ -197,7 +198,7 @@ def _courses(gnss: GnssEpochs) -> tuple[IntArray, FloatArray]:
             rows.latitude,
         )
         values = np.stack([north, east], axis=1)
-    noise = float(np.median(np.abs(np.diff(values, 2, axis=0)))) / (0.6745 * np.sqrt(6.0))
+    noise = float(np.median(np.abs(np.diff(values, 2, axis=0)))) * SIGMA_PER_MAD / np.sqrt(6.0)
     for step in STEPS_S:
         first = np.unique(rows.time_ns // round(step * SECOND), return_index=True)[1]
         times, move = rows.time_ns[first], values[first]

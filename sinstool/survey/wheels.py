@@ -18,6 +18,7 @@ from sinstool.config import InputOptions
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import UnsupportedLogError
+from sinstool.core.order_statistics import SIGMA_PER_MAD
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs, Readings
 from sinstool.core.timeline import SECOND, sorted_stream
@@ -323,7 +324,7 @@ def _agreement(turned: FloatArray, speed: FloatArray) -> _Likeness:
     for _ in range(5):
         scale = float(speed[use] @ turned[use] / (turned[use] @ turned[use]))
         rest = speed - scale * turned
-        most = 4.0 * 1.4826 * float(np.median(np.abs(rest))) + 0.02 * float(speed.max())
+        most = 4.0 * SIGMA_PER_MAD * float(np.median(np.abs(rest))) + 0.02 * float(speed.max())
         use = np.abs(rest) <= most
         if use.sum() < AGREEING * len(use) or not turned[use].any():
             return _Likeness(0.0, np.inf, scale)

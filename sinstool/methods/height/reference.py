@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.order_statistics import median, quantile
+from sinstool.core.order_statistics import SIGMA_PER_MAD, median, quantile
 from sinstool.core.timeline import SECOND
 from sinstool.methods.height.layout import ACCEPTED
 from sinstool.methods.height.pressure import pressure_reason
@@ -225,7 +225,7 @@ def fit_scale(
     for _ in range(2):
         found = _huber_fit(x, g - level, found, max(1.345 * spread, 0.1))
         rest = g - level - x @ found
-        spread = min(1.4826 * float(median(np.abs(rest - median(rest)))), 10.0)
+        spread = min(SIGMA_PER_MAD * float(median(np.abs(rest - median(rest)))), 10.0)
     if abs(found[2:]).max(initial=0.0) > LONGEST_LAG:
         return fit_scale(h, g)
     scale = float(found[1]) / 100.0

@@ -26,6 +26,7 @@ import numpy as np
 from sinstool.core.arrays import ArrayLike, FloatArray
 from sinstool.core.english import counted
 from sinstool.core.errors import AlignmentError
+from sinstool.core.order_statistics import SIGMA_PER_MAD
 from sinstool.core.parts import njit
 from sinstool.methods.hse.encoder import TableAngle
 
@@ -194,8 +195,7 @@ def _relative_noise(rate: FloatArray) -> float:
     if not turning.any():
         return 0.0
     bends = np.abs(np.diff(rate, 2)[turning] / rate[1:-1][turning])
-    # median of a normal variable's size, in standard deviations
-    return float(np.median(bends)) / 0.6745 / np.sqrt(5.0)
+    return SIGMA_PER_MAD * float(np.median(bends)) / np.sqrt(5.0)
 
 
 def _judged(segment: Segment, piece: TableAngle, rules: SegmentRules) -> list[Segment]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from sinstool.core import earth
 from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.order_statistics import SIGMA_PER_MAD
 from sinstool.core.rotation import exp, to_dcm
 from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.constraints import (
@@ -318,7 +319,7 @@ def _axis(
         weight = alike * max(robust, LEAST_EXCESS) ** 2
         solution = np.linalg.solve(of.T @ of + weight * prior, of.T @ v[keep, axis])
         rho = v[:, axis] - design @ solution
-        robust = 1.4826 * float(np.median(np.abs(rho[fast])))
+        robust = SIGMA_PER_MAD * float(np.median(np.abs(rho[fast])))
         keep = np.abs(rho) < FAR * max(robust, 1e-6)
     v, speed, rho = v[fast], speed[fast], rho[fast]
     own = rows.own[moving, axis]
