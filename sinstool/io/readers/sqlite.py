@@ -7,7 +7,7 @@ import shutil
 import sqlite3
 import struct
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
@@ -205,37 +205,17 @@ class SqliteLog(Log):
         columns = "rowid AS row, topic_id, timestamp, data"
         query = f"SELECT {columns} FROM messages WHERE rowid > ?{chosen}"
         assert self._database is not None, "the log is closed"
-        # Flat arrays in a single loop, as every statement here is executed for every message.
-        topics, times, lengths, data = array("q"), array("q"), array("q"), bytearray()
-        row = begun = _FIRST_ROW
+        gathering = _Gathering(self._position, self._odd_row)
+        begun = _FIRST_ROW
         places, limit = 0, ""
-        last: int | None = None
         unreachable = False
         while places < MAX_PLACES:
-            places += row < begun  # damaged pages may lead back, and again and again
-            begun = row
+            places += gathering.row < begun  # damaged pages may lead back, and again and again
+            begun = gathering.row
             try:
-                rows = self._database.execute(f"{query} ORDER BY rowid{limit}", (row,))
-                for row, topic, time, blob in rows:
-                    try:
-                        topics.append(topic)
-                        times.append(time)
-                        data += blob
-                    except TypeError as exc:
-                        # SQLite allows any type in any column; a bag does not.
-                        del topics[len(lengths) :], times[len(lengths) :]
-                        if not self.salvage:
-                            raise self._damaged(exc) from exc
-                        self.note_lost(Lost(f"message {row}: {exc}", "row", start_ns=last))
-                        continue
-                    last = time
-                    lengths.append(len(blob))
-                    if len(lengths) == BATCH or len(data) >= BATCH_BYTES:
-                        batch = _batch(topics, times, lengths, data, self._position(row))
-                        topics, times, lengths = array("q"), array("q"), array("q")
-                        data = bytearray()
-                        yield batch
-                if not limit or row == begun:
+                rows = self._database.execute(f"{query} ORDER BY rowid{limit}", (begun,))
+                yield from gathering.batches(rows)
+                if not limit or gathering.row == begun:
                     break
                 limit = ""
             except _UNREADABLE as exc:
@@ -247,45 +227,47 @@ class SqliteLog(Log):
                     limit = " LIMIT 1"
                     continue
                 limit = ""
-                there = None if selection is None else self._row_after(max(row, 0))
-                if there is not None and there[0] > row:
-                    row = there[0]  # of a topic that was not chosen: what is damaged comes later
+                before = max(gathering.row, 0)  # ids of a bag begin with 1
+                there = None if selection is None else self._row_after(before)
+                if there is not None and there[0] > gathering.row:
+                    # of a topic that was not chosen: what is damaged comes later
+                    gathering.row = there[0]
                     continue
-                again, time = self._next_readable(max(row, 0))  # ids of a bag begin with 1
-                if again <= row:  # damaged pages may lead back
+                again, time = self._next_readable(before)
+                if again <= gathering.row:  # damaged pages may lead back
                     again = 0
                 places += 1
                 if not again and self._cut_short():
                     unreachable = True
                     break
                 to = f" to {again - 1}" if again else " and those after it"
-                what = f"message {max(row, 0) + 1}{to} cannot be read: {exc}"
-                self.note_lost(Lost(what, "row", start_ns=last, end_ns=time))
+                what = f"message {before + 1}{to} cannot be read: {exc}"
+                self.note_lost(Lost(what, "row", start_ns=gathering.last_ns, end_ns=time))
                 if not again:
                     break
-                row = max(again - 1, row + 1)
+                gathering.row = max(again - 1, gathering.row + 1)
         else:
-            what = f"messages after {row} were not read: {places} damaged places precede them"
-            self.note_lost(Lost(what, "row", start_ns=last), always=True)
+            what = f"messages after {gathering.row} were not read: {places} damaged places"
+            self.note_lost(
+                Lost(f"{what} precede them", "row", start_ns=gathering.last_ns), always=True
+            )
         if unreachable:
-            after = max(row, 0)
-            for row, topic, time, blob in self._on_pages(after):
-                if selection is not None and topic not in selection:
-                    continue
-                topics.append(topic)
-                times.append(time)
-                data += blob
-                lengths.append(len(blob))
-                if len(lengths) == BATCH or len(data) >= BATCH_BYTES:
-                    batch = _batch(topics, times, lengths, data, self._position(row))
-                    topics, times, lengths = array("q"), array("q"), array("q")
-                    data = bytearray()
-                    yield batch
+            after = max(gathering.row, 0)
+            pages = self._on_pages(after)
+            yield from gathering.batches(
+                row for row in pages if selection is None or row[1] in selection
+            )
             # the same for every selection of topics
             what = f"message {after + 1} and those after it cannot be read but for whole pages"
             self.note_lost(Lost(what, "row"))
-        if lengths:
-            yield _batch(topics, times, lengths, data, self._position(row))
+        if gathering.waits:
+            yield gathering.take()
+
+    def _odd_row(self, row: int, last_ns: int | None, exc: TypeError) -> None:
+        """Note a row with values of types that no bag has."""
+        if not self.salvage:
+            raise self._damaged(exc) from exc
+        self.note_lost(Lost(f"message {row}: {exc}", "row", start_ns=last_ns))
 
     def _on_pages(self, after: int) -> Iterator[Row]:
         """Messages behind a row on whole pages that the file still has, wherever they are."""
@@ -325,15 +307,81 @@ class SqliteLog(Log):
         return int(self.size * min(1.0, max(0, row) / max(1, self._last_row)))
 
 
-def _batch(topics: array, times: array, lengths: array, data: bytearray, position: int) -> RawBatch:
-    buffer = np.frombuffer(data, np.uint8)
-    # Read-only, as from all other readers, so that compiled loops need no second version
-    buffer.flags.writeable = False
-    topic, time, length = (np.frombuffer(a, np.int64) for a in (topics, times, lengths))
-    sequence = np.zeros(len(length), np.int64)
-    return RawBatch(
-        buffer, topic, np.cumsum(length) - length, length, time, time, sequence, position
-    )
+class _Gathering:
+    """Messages of rows, gathered in flat arrays until they make a batch.
+
+    Parameters
+    ----------
+    position : callable
+        How far into the file a row is, bytes.
+    odd : callable
+        Called for each row that holds values of other types, with the time of the one before.
+
+    Attributes
+    ----------
+    row : int
+        The last row that was read.
+    last_ns : int or None
+        Time of its message.
+    """
+
+    def __init__(
+        self,
+        position: Callable[[int], int],
+        odd: Callable[[int, int | None, TypeError], None],
+    ) -> None:
+        self._position, self._odd = position, odd
+        self.row = _FIRST_ROW
+        self.last_ns: int | None = None
+        self._empty()
+
+    def _empty(self) -> None:
+        self._topics, self._times, self._lengths = array("q"), array("q"), array("q")
+        self._data = bytearray()
+
+    def batches(self, rows: Iterable[Row]) -> Iterator[RawBatch]:
+        """Batches as rows fill them; what is left over waits for more rows."""
+        row, last_ns = self.row, self.last_ns
+        topics, times, lengths, data = self._topics, self._times, self._lengths, self._data
+        try:
+            # A single loop, as every statement here is executed for every message.
+            for row, topic, time, blob in rows:
+                try:
+                    topics.append(topic)
+                    times.append(time)
+                    data += blob
+                except TypeError as exc:
+                    # SQLite allows any type in any column; a bag does not.
+                    del topics[len(lengths) :], times[len(lengths) :]
+                    self._odd(row, last_ns, exc)
+                    continue
+                last_ns = time
+                lengths.append(len(blob))
+                if len(lengths) == BATCH or len(data) >= BATCH_BYTES:
+                    self.row = row
+                    yield self.take()
+                    topics, times, lengths = self._topics, self._times, self._lengths
+                    data = self._data
+        finally:
+            self.row, self.last_ns = row, last_ns
+
+    @property
+    def waits(self) -> bool:
+        """Whether there are messages that make no whole batch yet."""
+        return bool(self._lengths)
+
+    def take(self) -> RawBatch:
+        """All that waits, as a batch."""
+        buffer = np.frombuffer(self._data, np.uint8)
+        # Read-only, as from all other readers, so that compiled loops need no second version
+        buffer.flags.writeable = False
+        topic, time, length = (
+            np.frombuffer(a, np.int64) for a in (self._topics, self._times, self._lengths)
+        )
+        self._empty()
+        sequence = np.zeros(len(length), np.int64)
+        first, position = np.cumsum(length) - length, self._position(self.row)
+        return RawBatch(buffer, topic, first, length, time, time, sequence, position)
 
 
 def _raise_if_interrupted(exc: Exception) -> None:
