@@ -11,23 +11,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.arrays import FloatArray
-from sinstool.core.chi_square import upper_point
-from sinstool.core.streams import take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.results import GnssDiagnostics
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_drift import shaking
+from sinstool.pipelines.process.ins_gnss.innovation_cost import (
+    GATE,
+    LEAST_EPOCHS,
+    innovation_cost,
+    innovations,
+)
 from sinstool.survey.increments import first_increments
 from sinstool.survey.source import Source
 
 # The first part of a log, which is used.
 SHOWN_NS = 300 * SECOND
-LEAST_EPOCHS = 40
-# Normalised squares are limited to this: larger ones are bad fixes.
-GATE = upper_point(6, 1e-4)
 # Squared innovations over their expectation beyond which a grade is doubted.
 DOUBTED = 1.5
 # By how much another model must lower -2 log likelihood, over all epochs, to be clearly likelier.
@@ -71,27 +69,15 @@ def fit(
     """
     control = replace(start.settings.control, adaptive="off")
     shaken = shaking(source, config, algorithm, start)
-    run = InsGnssFilter(
-        start.start,
-        replace(start.settings, network=None, control=control),
-        with_baro=False,
-        output=False,
-        constraints=None if shaken is None else shaken.constraints(start.settings.imu),
-    )
+    settings = replace(start.settings, network=None, control=control)
+    stands = None if shaken is None else shaken.constraints(start.settings.imu)
     gap_ns = round(start.settings.max_gap * SECOND)
     shown = first_increments(source, config, algorithm, start.time_ns, SHOWN_NS, gap_ns)
     if shown is None:
         return None
-    epochs = run.push(shown, start.used).gnss
-    epochs = take_rows(epochs, np.isfinite(epochs.nis))
+    epochs = innovations(start.start, settings, shown, start.used, stands)
     if len(epochs) < LEAST_EPOCHS:
         return None
     square = np.minimum(epochs.nis, GATE)
-    cost = float(np.mean(unlikely(epochs)))
-    return Fit(float(square.sum() / epochs.rows.sum()), cost, len(epochs))
-
-
-def unlikely(epochs: GnssDiagnostics) -> FloatArray:
-    """-2 log likelihood of the innovations of each epoch, less terms common to all models."""
-    spread = 2.0 * np.nansum(np.log(epochs.innovation_sigma), axis=1)
-    return np.asarray(np.minimum(epochs.nis, GATE) + spread)
+    each = innovation_cost(epochs) / len(epochs)
+    return Fit(float(square.sum() / epochs.rows.sum()), each, len(epochs))

@@ -32,7 +32,7 @@ from sinstool.methods.strapdown.navigation import Q_W, Q_Z
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.before_start import corrected_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
+from sinstool.pipelines.process.ins_gnss.innovation_cost import LEAST_EPOCHS, innovation_cost
 
 # Fixes that come faster than this tell little more, and what a smoother stores grows with them.
 APART_NS = SECOND // 2
@@ -127,4 +127,4 @@ def smoothed_over(begun: FilterStart, motion: Increments) -> SmoothedStart | Non
     if not (np.isfinite(error).all() and np.isfinite(covariance).all()):
         return None
     corrected = corrected_start(begun.start, error, covariance, smoothed.kind)
-    return SmoothedStart(corrected, float(np.sum(unlikely(epochs))), len(epochs))
+    return SmoothedStart(corrected, innovation_cost(epochs), len(epochs))

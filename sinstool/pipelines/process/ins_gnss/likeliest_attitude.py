@@ -25,17 +25,15 @@ from sinstool.config import ProcessConfig
 from sinstool.config.align import IN_FLIGHT
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.rotation import exp, multiply
-from sinstool.core.streams import take_rows
 from sinstool.core.units import DEGREE
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.sensor_errors import LOW_COST
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.align.in_motion import UNKNOWN_BIAS
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
+from sinstool.pipelines.process.ins_gnss.innovation_cost import innovation_cost, innovations
 from sinstool.pipelines.process.ins_gnss.iterated_start import iterated
 from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.survey.source import Source
@@ -156,10 +154,6 @@ def _others(start: FilterStart, tilt_sigma: float, bias_sigma: float) -> Iterato
 
 
 def _cost(motion: Increments, start: FilterStart) -> float:
-    """-2 log likelihood of the innovations; infinite with too few."""
     # Without a gate, which would reject the fixes that contradict an attitude
     fixes = start.believable_until(int(motion.time_ns[-1]))
-    run = InsGnssFilter(start.start, start.settings.ungated, with_baro=False, output=False)
-    epochs = run.push(motion, fixes).gnss
-    epochs = take_rows(epochs, np.isfinite(epochs.nis))
-    return float(np.sum(unlikely(epochs))) if len(epochs) >= LEAST_EPOCHS else np.inf
+    return innovation_cost(innovations(start.start, start.settings.ungated, motion, fixes))

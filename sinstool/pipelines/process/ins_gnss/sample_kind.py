@@ -16,13 +16,11 @@ from sinstool.config import ProcessConfig
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import AlignmentError
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.streams import take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.pipelines.plan import Plan, as_planned
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.imu_fit import LEAST_EPOCHS, unlikely
+from sinstool.pipelines.process.ins_gnss.innovation_cost import innovation_cost, innovations
 from sinstool.pipelines.process.ins_gnss.start import earliest_start, timed
 from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.survey.source import Source
@@ -64,7 +62,8 @@ def with_sample_kind(
         if _coarse(start):
             return same
         before = _cost(source, config, plan.algorithm, start)
-        if not _cost(source, means, plan.algorithm, start) < before - LEAST_GAIN:
+        after = _cost(source, means, plan.algorithm, start)
+        if not (np.isfinite(before) and after < before - LEAST_GAIN):
             return same
     elif not _half_a_sample(source, start):
         return same
@@ -98,13 +97,10 @@ def _half_a_sample(source: Source, start: FilterStart) -> bool:
 def _cost(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> float:
-    """-2 log likelihood of the innovations of the first minutes; NaN with too few."""
+    """-2 log likelihood of the innovations of the first minutes; infinite with too few."""
     motion, start = motion_from(source, config, algorithm, start.time_ns), start.by_the_fixes
     if motion is None:
-        return np.nan
+        return np.inf
     fixes = start.believable_until(int(motion.time_ns[-1]))
     settings = replace(start.settings, network=None)
-    run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
-    epochs = run.push(motion, fixes).gnss
-    epochs = take_rows(epochs, np.isfinite(epochs.nis))
-    return float(np.sum(unlikely(epochs))) if len(epochs) >= LEAST_EPOCHS else np.nan
+    return innovation_cost(innovations(start.start, settings, motion, fixes))

@@ -21,13 +21,11 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
-from sinstool.core.streams import take_rows
-from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.states import GNSS_POSITION
 from sinstool.methods.land_vehicle.shaking import Shaking
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.imu_fit import unlikely
+from sinstool.pipelines.process.ins_gnss.innovation_cost import innovation_cost, innovations
 
 # Factors on the sigmas are powers of STEP, up to MOST_STEPS.
 STEP, MOST_STEPS = 2.0, 10
@@ -162,9 +160,7 @@ def _cost(increments: Increments, start: FilterStart, shaken: Shaking | None) ->
     """-2 log likelihood of the innovations; infinite with too few."""
     settings = replace(start.settings, network=None)
     stands = None if shaken is None else shaken.constraints(settings.imu)
-    run = InsGnssFilter(start.start, settings, with_baro=False, output=False, constraints=stands)
-    epochs = run.push(increments, start.used_until(int(increments.time_ns[-1]))).gnss
-    epochs = take_rows(epochs, np.isfinite(epochs.nis))
-    if len(epochs) < LEAST_EPOCHS:
-        return np.inf
-    return float(np.sum(unlikely(epochs)))
+    fixes = start.used_until(int(increments.time_ns[-1]))
+    return innovation_cost(
+        innovations(start.start, settings, increments, fixes, stands), LEAST_EPOCHS
+    )
