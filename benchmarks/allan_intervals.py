@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks import common
-from sinstool.methods.allan.fit import NAMES, NoiseFit, Term
+from sinstool.methods.allan.likelihood import NAMES, NoiseFit, Term
 from sinstool.methods.allan.model import allan_terms
 from tests.helpers.allan import fit_segments, simulate_terms
 

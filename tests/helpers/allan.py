@@ -14,7 +14,8 @@ from sinstool.methods.allan.deviation import (
     averaging_lags,
     stride_for,
 )
-from sinstool.methods.allan.fit import NoiseData, NoiseFit
+from sinstool.methods.allan.fit import NoiseData
+from sinstool.methods.allan.likelihood import NoiseFit
 from sinstool.methods.allan.model import block_length, second_differences
 
 

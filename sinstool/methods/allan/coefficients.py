@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from sinstool.methods.allan.fit import NAMES, NoiseFit
+from sinstool.methods.allan.likelihood import NAMES, NoiseFit
 from sinstool.methods.sensor_errors import SensorGrade
 
 Sensor = Literal["gyro", "accel"]

@@ -10,7 +10,8 @@ import numpy as np
 from sinstool.core.english import in_seconds
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.units import DEGREE, DEGREE_PER_ROOT_HOUR
-from sinstool.methods.allan.fit import NoiseData, NoiseFit
+from sinstool.methods.allan.fit import NoiseData
+from sinstool.methods.allan.likelihood import NoiseFit
 from sinstool.pipelines.allan.collect import Collected
 from sinstool.pipelines.allan.result import Axis, Rest
 

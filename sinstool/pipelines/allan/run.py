@@ -17,7 +17,8 @@ from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND
 from sinstool.io.readers import open_log
 from sinstool.methods.allan.coefficients import AXES, SENSORS, coefficients
-from sinstool.methods.allan.fit import NoiseData, NoiseFit
+from sinstool.methods.allan.fit import NoiseData
+from sinstool.methods.allan.likelihood import NoiseFit
 from sinstool.methods.allan.model import allan_terms, covariance_of_variances
 from sinstool.pipelines.allan.collect import Collected, collect
 from sinstool.pipelines.allan.judge import findings

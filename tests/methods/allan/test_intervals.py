@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.allan_intervals import CASES, Case, fit_of, visible
-from sinstool.methods.allan.fit import NAMES
+from sinstool.methods.allan.likelihood import NAMES
 
 RUNS = 100
 # Of 100 runs with 95 % each, fewer come once in a thousand tests.
