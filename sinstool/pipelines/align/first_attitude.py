@@ -223,7 +223,7 @@ def in_flight(
         It cannot be had: with the reasons.
     """
     grade = sensor_grade(source, config).grade
-    from sinstool.methods.alignment.inflight import INCONSISTENT_CHI2
+    from sinstool.methods.alignment.inflight_answer import INCONSISTENT_CHI2
     from sinstool.methods.alignment.inflight_types import REFUSE_SIGMA
     from sinstool.pipelines.align.in_motion import align_moving
 

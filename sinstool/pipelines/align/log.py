@@ -20,7 +20,7 @@ from sinstool.core.whole_file import check_output, write_table
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
-from sinstool.methods.alignment.inflight import InFlightAlignment
+from sinstool.methods.alignment.inflight_answer import InFlightAlignment
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.pipelines.align.first_attitude import align, compass, seconds_from_start
 from sinstool.pipelines.align.in_motion import align_moving

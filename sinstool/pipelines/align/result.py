@@ -12,7 +12,7 @@ from sinstool.core.result import Result, compass
 from sinstool.core.rotation import to_euler
 from sinstool.core.units import DEGREE, DEGREE_PER_HOUR
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
-from sinstool.methods.alignment.inflight import InFlightAlignment
+from sinstool.methods.alignment.inflight_answer import InFlightAlignment
 from sinstool.methods.alignment.inflight_types import UNIFORM_SIGMA, SensorGrade
 from sinstool.methods.alignment.initial import Alignment
 from sinstool.pipelines.log_used import ImuTime, LogFile

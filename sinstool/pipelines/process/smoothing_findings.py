@@ -1,12 +1,95 @@
-"""Findings about what a smoothed attitude leaves open: biases of gyros, kinds of motion."""
+"""Findings about what a smoothed attitude leaves open: tilt, biases of gyros, kinds of motion."""
 
 from __future__ import annotations
 
-from sinstool.core.finding import Finding
+from sinstool.core.english import in_seconds
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.attitude_smoother.even_turn import EvenTurn
+from sinstool.pipelines.process.summary import AttitudeSmoothing
 from sinstool.survey.rest import REST_S
+
+# Share of the time at the stops of a gyro beyond which the result is not to be trusted.
+LOST_SHARE = 0.03
+# Margin of a vehicle over a hand, nat per moving epoch, beyond that of any recorded hand or drone.
+DENIED_MARGIN = 2.0
+
+
+def diverged_finding() -> Finding:
+    """Gravity and the gyros contradict each other."""
+    return Finding(
+        "diverged",
+        "gravity and the gyros contradict each other in all of the log, so roll and pitch"
+        " are those of the gyros alone: do not trust them",
+        severity=Severity.LOST,
+        answer="see what info says about units, axes and ranges",
+    )
+
+
+def uncertain_tilt_finding(smoothing: AttitudeSmoothing, worst_ns: int, first_ns: int) -> Finding:
+    """A large sigma of tilt.
+
+    Parameters
+    ----------
+    worst_ns, first_ns : int
+        Time of the largest sigma, and of the first sample.
+    """
+    at = max(0.0, (worst_ns - first_ns) / SECOND)
+    usual = f"{smoothing.tilt_sigma_deg:.2g} deg"
+    most = f"{smoothing.tilt_sigma_largest_deg:.2g} deg"
+    known = f"roll and pitch are known to {usual}"
+    text = f"{known} only (1 sigma)"
+    if most != usual:
+        text = f"{known} (1 sigma, median), but only to {most} at {at:.1f} s"
+    return Finding(
+        "uncertain-tilt",
+        text,
+        start_ns=worst_ns,
+        end_ns=worst_ns,
+        numbers={"tilt_sigma_deg": smoothing.tilt_sigma_largest_deg},
+    )
+
+
+def long_turns_finding(share: float) -> Finding:
+    """Long turns make up a share of a log without rest."""
+    return Finding(
+        "long-turns",
+        f"{share:.0%} of the log are turns of half a minute and more, and"
+        " no rest shows the gyro bias: such turns look like a bias, so roll and pitch may"
+        " be off by several of their sigmas",
+        answer="record some seconds at rest, or give --gyro-bias X,Y,Z",
+        numbers={"share": share},
+    )
+
+
+def gyro_at_stop_finding(seconds: float, share: float) -> Finding:
+    """A gyro is at the end of its range for some seconds, a share of the time."""
+    lost = share > LOST_SHARE
+    return Finding(
+        "gyro-at-stop",
+        f"a gyro is saturated for {in_seconds(seconds, 3)},"
+        f" {100.0 * share:.2g} % of the time; the rotation beyond its"
+        " range is lost" + (": do not trust the attitude" if lost else ""),
+        severity=Severity.LOST if lost else Severity.WARNING,
+        answer="use a gyro of a larger range",
+        numbers={"gyro_at_stop_s": seconds, "share": share},
+    )
+
+
+def denied_motion_finding(margin_nat: float) -> Finding:
+    """The motion of a vehicle that `--motion` calls that of a hand."""
+    lost = margin_nat > DENIED_MARGIN
+    off = "roll and pitch may be off by several of their sigmas"
+    return Finding(
+        "motion-denied",
+        "the motion was taken for that of a hand, as --motion says, but a vehicle explains"
+        f" it better, by {margin_nat:.2g} nat per moving epoch (0.4 is decisive): "
+        + ("do not trust roll and pitch" if lost else off),
+        severity=Severity.LOST if lost else Severity.WARNING,
+        answer="leave --motion out",
+        numbers={"margin_nat": margin_nat},
+    )
 
 
 def no_rest_finding(quiet_s: float, drift: str, heading_sigma_deg: float) -> Finding:
