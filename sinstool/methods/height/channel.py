@@ -14,10 +14,10 @@ owns the correction A and everything that decides whether a barometer is used::
 Phases: INIT until two samples agree, ENGAGED, and COAST where no sample was good for a while.
 A coast does not start from the current correction, which holds the noise of the barometer, but
 from that of a *shadow channel*: the same network with a longer time constant, fed with the same
-acceleration. A *witness*, integrated without the barometer, tells a frozen sensor from a vehicle at
-rest. Times are seconds on one clock, chosen by the host. All functions are compiled, take and
-return scalars, and allocate nothing; the arrays are those of
-:mod:`~sinstool.methods.height.layout`.
+acceleration. A *witness* (:mod:`.frozen`) tells a frozen sensor from a vehicle at rest.
+
+Times are seconds on one clock, chosen by the host. All functions are compiled, take and return
+scalars, and allocate nothing; the arrays are those of :mod:`~sinstool.methods.height.layout`.
 """
 
 from __future__ import annotations
@@ -27,9 +27,15 @@ import math
 from sinstool.core.arrays import FloatArray
 from sinstool.core.parts import part
 from sinstool.methods.height import layout
+from sinstool.methods.height.frozen import (
+    NOW_FROZEN,
+    STILL_FROZEN,
+    check_frozen,
+    return_to_witness,
+)
 from sinstool.methods.height.history import at_stamp, note_interval, remember, shift_history
 from sinstool.methods.height.network import pole_matched_gains
-from sinstool.methods.height.pressure import FROZEN_TIME
+from sinstool.methods.height.phases import ROUNDING, record, start_coast
 
 GATE_MEMORY = 30.0  # s, time constant of the running RMS of accepted differences
 RECENT = 1.0  # s, time constant of their running mean, which is subtracted from a jump
@@ -50,11 +56,6 @@ STEP_FADE = 20.0  # s
 # height goes as t^m, m the largest root of (m - 2) ((m + 3g) (m - 1) + 3g^2) + g^3: -0.8 for 6,
 # but for 4 it is positive.
 GROWTH = 6.0
-FROZEN_SPEED = 1.0  # m/s, mean vertical speed while a frozen sensor repeats its value
-FROZEN_UNUSUAL = 5.0  # times as long as the sensor ever kept a value before
-FROZEN_CHANGES = 20.0  # changes of its value before that longest time is known
-FROZEN_SETTLED = 20.0  # s after engaging before a witness can be trusted
-ROUNDING = 1e-9  # s
 
 
 @part()
@@ -122,7 +123,7 @@ def propagate(
             if parameters[layout.P_SHADOW_TAU] > 0.0:
                 dv = state[layout.S_SHADOW_V] - v_up
                 state[layout.S_CORRECTION] = state[layout.S_SHADOW_A]
-            _start_coast(state, time)
+            start_coast(state, time)
     elif phase == layout.COAST:
         length = time - state[layout.S_COAST_SINCE]
         if length > VALID_COAST and state[layout.S_INVALID] == 0.0:
@@ -187,42 +188,12 @@ def baro_sample(
         return layout.NOTHING, 0.0, 0.0
     note_interval(state, stamp)
 
-    # A frozen sensor repeats its value while the vehicle moves.
-    if height_baro != state[layout.S_SAME_VALUE]:
-        if state[layout.S_FROZEN] == 0.0 and state[layout.S_CHANGES] > 0.0:
-            held = state[layout.S_SAME_LAST] - state[layout.S_SAME_SINCE]
-            state[layout.S_LONGEST] = max(state[layout.S_LONGEST], held)
-        state[layout.S_CHANGES] += 1.0
-        state[layout.S_SAME_VALUE] = height_baro
-        state[layout.S_SAME_SINCE] = stamp
-        state[layout.S_WITNESS_ON] = 0.0
-        state[layout.S_FROZEN] = 0.0
-        state[layout.S_SAME_LAST] = stamp
-    elif state[layout.S_FROZEN] > 0.0:
+    repeats = check_frozen(state, parameters, time, height, v_up, stamp, height_baro)
+    if repeats == NOW_FROZEN:
+        return return_to_witness(state, events, time, height, v_up, stamp)
+    if repeats == STILL_FROZEN:
         state[layout.S_COUNTS + layout.FROZEN] += 1.0
         return layout.NOTHING, 0.0, 0.0
-    elif (
-        state[layout.S_PHASE] == layout.ENGAGED
-        and stamp - state[layout.S_ENGAGED_AT] >= FROZEN_SETTLED
-    ):
-        state[layout.S_SAME_LAST] = stamp
-        if state[layout.S_WITNESS_ON] > 0.0:
-            moved = abs(state[layout.S_WITNESS_H] - state[layout.S_WITNESS_START])
-            state[layout.S_WITNESS_MOST] = max(state[layout.S_WITNESS_MOST], moved)
-            # A coarse or noiseless sensor also repeats its value at rest: the repetition must be
-            # longer than is usual for this sensor.
-            held = stamp - state[layout.S_SAME_SINCE]
-            if (
-                state[layout.S_WITNESS_MOST] > FROZEN_SPEED * FROZEN_TIME
-                and held >= max(FROZEN_TIME, FROZEN_UNUSUAL * state[layout.S_LONGEST]) - ROUNDING
-                and state[layout.S_CHANGES] >= FROZEN_CHANGES
-            ):
-                return _freeze(state, events, time, height, v_up, stamp)
-            if time - state[layout.S_WITNESS_SINCE] >= FROZEN_TIME:
-                state[layout.S_WITNESS_ON] = 0.0  # it drifts: a new one, below
-        if state[layout.S_WITNESS_ON] == 0.0:
-            _call_witness(state, parameters, time, height, v_up)
-
     h_then, v_then, lag = at_stamp(state, time, height, v_up, stamp)
     used = height_baro + state[layout.S_OFFSET] - state[layout.S_BARO_BIAS]
     e = h_then + parameters[layout.P_K4] * v_then - used
@@ -233,23 +204,7 @@ def baro_sample(
     )
 
     if state[layout.S_PHASE] != layout.ENGAGED:
-        # |e| may be anything before the start and after a coast: let two samples agree.
-        near = state[layout.S_PHASE] == layout.COAST and abs(e) <= gate
-        if not near and state[layout.S_WAITING] > 0.0:
-            apart = parameters[layout.P_START_SPEED] * (stamp - state[layout.S_WAITING_STAMP])
-            near = abs(e - state[layout.S_WAITING_E]) <= gate + apart
-        if not near:
-            state[layout.S_WAITING] = 1.0
-            state[layout.S_WAITING_E] = e
-            state[layout.S_WAITING_STAMP] = stamp
-            state[layout.S_COUNTS + layout.WAITING] += 1.0
-            return layout.NOTHING, 0.0, 0.0
-        if _too_far(state, parameters, stamp, e) and not _is_level(state, stamp, e):
-            state[layout.S_COUNTS + layout.GATE] += 1.0
-            return layout.NOTHING, 0.0, 0.0
-        dh = _engage(state, parameters, events, time, height, v_up, stamp, e)
-        state[layout.S_COUNTS + layout.ACCEPTED] += 1.0
-        return layout.RESET if dh != 0.0 else layout.CORRECTED, dh, 0.0
+        return _begin(state, parameters, events, time, height, v_up, stamp, e, gate)
 
     # The velocity at the start may be wrong: the height responds to a step of it with a peak of
     # 0.23 tau per m/s.
@@ -332,42 +287,35 @@ def smooth_height(state: FloatArray, time: float, height: float) -> float:
 
 
 @part()
-def height_valid(state: FloatArray) -> bool:
-    """Whether the height is valid: engaged, or coasting for no longer than 300 s."""
-    return state[layout.S_PHASE] == layout.ENGAGED or (
-        state[layout.S_PHASE] == layout.COAST and state[layout.S_INVALID] == 0.0
-    )
-
-
-@part()
-def begin_anew(state: FloatArray) -> None:
-    """Wait for the barometer as at the start, since the motion meanwhile is unknown."""
-    state[layout.S_PHASE] = layout.INIT
-    state[layout.S_WAITING] = 0.0
-    state[layout.S_WITNESS_ON] = 0.0
-
-
-@part()
-def record(
-    state: FloatArray, events: FloatArray, kind: int, time: float, size: float, duration: float
-) -> None:
-    """Record an event; where the array is full it is only counted."""
-    index = int(state[layout.S_EVENTS])
-    if index < events.shape[0]:
-        events[index, 0] = kind
-        events[index, 1] = time
-        events[index, 2] = size
-        events[index, 3] = duration
-    state[layout.S_EVENTS] += 1.0
-
-
-@part()
-def _start_coast(state: FloatArray, time: float) -> None:
-    state[layout.S_PHASE] = layout.COAST
-    state[layout.S_COAST_SINCE] = time
-    state[layout.S_STREAK] = 0.0
-    state[layout.S_WAITING] = 0.0
-    state[layout.S_WITNESS_ON] = 0.0
+def _begin(
+    state: FloatArray,
+    parameters: FloatArray,
+    events: FloatArray,
+    time: float,
+    height: float,
+    v_up: float,
+    stamp: float,
+    e: float,
+    gate: float,
+) -> tuple[int, float, float]:
+    """Take a sample, off by `e`, before the start or in a coast; returns as `baro_sample`."""
+    # |e| may be anything before the start and after a coast: let two samples agree.
+    near = state[layout.S_PHASE] == layout.COAST and abs(e) <= gate
+    if not near and state[layout.S_WAITING] > 0.0:
+        apart = parameters[layout.P_START_SPEED] * (stamp - state[layout.S_WAITING_STAMP])
+        near = abs(e - state[layout.S_WAITING_E]) <= gate + apart
+    if not near:
+        state[layout.S_WAITING] = 1.0
+        state[layout.S_WAITING_E] = e
+        state[layout.S_WAITING_STAMP] = stamp
+        state[layout.S_COUNTS + layout.WAITING] += 1.0
+        return layout.NOTHING, 0.0, 0.0
+    if _too_far(state, parameters, stamp, e) and not _is_level(state, stamp, e):
+        state[layout.S_COUNTS + layout.GATE] += 1.0
+        return layout.NOTHING, 0.0, 0.0
+    dh = _engage(state, parameters, events, time, height, v_up, stamp, e)
+    state[layout.S_COUNTS + layout.ACCEPTED] += 1.0
+    return layout.RESET if dh != 0.0 else layout.CORRECTED, dh, 0.0
 
 
 @part()
@@ -461,39 +409,3 @@ def _set_height(
     state[layout.S_SHADOW_A] = state[layout.S_CORRECTION]
     shift_history(state, time, dh, 0.0)
     return dh
-
-
-@part()
-def _call_witness(
-    state: FloatArray, parameters: FloatArray, time: float, height: float, v_up: float
-) -> None:
-    state[layout.S_WITNESS_ON] = 1.0
-    state[layout.S_WITNESS_MOST] = 0.0
-    state[layout.S_WITNESS_OFFSET] = state[layout.S_OFFSET]
-    state[layout.S_WITNESS_SINCE] = time
-    state[layout.S_WITNESS_START] = height
-    state[layout.S_WITNESS_H] = height
-    if parameters[layout.P_SHADOW_TAU] > 0.0:
-        state[layout.S_WITNESS_V] = state[layout.S_SHADOW_V]
-        state[layout.S_WITNESS_A] = state[layout.S_SHADOW_A]
-    else:
-        state[layout.S_WITNESS_V] = v_up
-        state[layout.S_WITNESS_A] = state[layout.S_CORRECTION]
-
-
-@part()
-def _freeze(
-    state: FloatArray, events: FloatArray, time: float, height: float, v_up: float, stamp: float
-) -> tuple[int, float, float]:
-    """Return to the witness, which the frozen sensor has not touched, and coast."""
-    dh = state[layout.S_WITNESS_H] - height
-    dv = state[layout.S_WITNESS_V] - v_up
-    state[layout.S_CORRECTION] = state[layout.S_WITNESS_A]
-    state[layout.S_OFFSET] = state[layout.S_WITNESS_OFFSET]
-    state[layout.S_ABSORBED] = 0.0
-    state[layout.S_FROZEN] = 1.0
-    record(state, events, layout.EVENT_FROZEN, time, dh, stamp - state[layout.S_SAME_SINCE])
-    _start_coast(state, time)
-    state[layout.S_COUNTS + layout.FROZEN] += 1.0
-    shift_history(state, time, dh, dv)
-    return layout.RESTORED, dh, dv

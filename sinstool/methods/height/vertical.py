@@ -16,16 +16,10 @@ from sinstool.core.earth import normal_gravity
 from sinstool.core.parts import njit
 from sinstool.core.rotation import rotate
 from sinstool.methods.height import layout
-from sinstool.methods.height.channel import (
-    baro_sample,
-    begin_anew,
-    height_valid,
-    propagate,
-    record,
-    smooth_height,
-)
+from sinstool.methods.height.channel import baro_sample, propagate, smooth_height
 from sinstool.methods.height.layout import ChannelSummary, Event
 from sinstool.methods.height.network import HeightNetwork, gravity_gradient
+from sinstool.methods.height.phases import begin_anew, height_valid, record
 from sinstool.methods.sensor_errors import Grade
 
 MAX_HOLD = 0.5  # s between IMU samples over which the specific force can be held

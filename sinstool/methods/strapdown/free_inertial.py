@@ -15,8 +15,9 @@ from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Imu, Solution
 from sinstool.core.timeline import SECOND
 from sinstool.methods.height import layout
-from sinstool.methods.height.channel import baro_sample, begin_anew, propagate, smooth_height
+from sinstool.methods.height.channel import baro_sample, propagate, smooth_height
 from sinstool.methods.height.layout import ChannelSummary, Event
+from sinstool.methods.height.phases import begin_anew
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.height.vertical import MAX_GAP, MAX_HOLD, beginning_quickly
 from sinstool.methods.strapdown.navigation import (
