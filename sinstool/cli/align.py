@@ -69,7 +69,7 @@ def command(
     --truth the rms errors over all of them.
 
     \b
-      sinstool align flight.mcap --method svd --report align.html
+      sinstool align flight.mcap --align svd --report align.html
     """
     if method is not None:
         if flags.get("align__align") not in (None, method):

@@ -44,13 +44,13 @@ class AlignOptions(Group):
         "gyro bias to remove: still (the mean rate while the log begins at rest), none, or X,Y,Z"
         " in rad/s in the log's axes",
         "X,Y,Z|still|none",
-        brief="gyro bias to remove, rad/s",
+        brief="gyro bias to remove, rad/s; still: by a rest",
     )
     latitude: float | None = option(
         None,
         "latitude in degrees, for a log without fixes",
         "DEG",
-        brief="degrees, for a log without fixes",
+        brief="in degrees, for a log without fixes",
         ge=-90,
         le=90,
     )

@@ -41,7 +41,7 @@ class ConingOptions(Group):
         DEFAULT_CONING,
         "coning algorithm, one of " + ", ".join(names()),
         "NAME",
-        brief="coning algorithm",
+        brief="coning algorithm (default: previous-3)",
     )
     sp_variant: Literal["exact", "bvp", "truncated", "printed"] | None = option(
         None,
@@ -158,26 +158,26 @@ class ComparisonOptions(Group):
         "auto",
         "algorithm that the others are measured against; auto (quatfiter-4), or none",
         "NAME",
-        brief="algorithm that the others are measured against",
+        brief="algorithm that the others are measured against (default: quatfiter-4)",
     )
     decimate: tuple[Annotated[int, Field(ge=1)], ...] = option(
         (1, 2, 4),
         "also compare at the log's rate divided by these factors",
         "M,...",
-        brief="also compare at the log's rate divided by these",
+        brief="also compare at the log's rate divided by these (default: 1,2,4)",
     )
     window: float = option(
         10.0,
         "length in s of the windows in which drift is measured",
         "S",
         gt=0,
-        brief="windows in which drift is measured, in s",
+        brief="windows in which drift is measured, in s (default: 10)",
     )
     tolerance: float = option(
         0.01,
         "drift that is too small to matter, deg/h",
         "DEG/H",
-        brief="drift that is too small to matter, deg/h",
+        brief="drift that is too small to matter, deg/h (default: 0.01)",
         ge=0,
     )
     truth: str | None = option(

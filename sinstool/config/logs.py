@@ -167,7 +167,7 @@ class InputOptions(Group):
         None,
         "ignore samples before this time: seconds from the first sample, an RFC 3339 date, or ns",
         "TIME",
-        brief="ignore samples before this time",
+        brief="ignore samples before this: s, a date or ns",
     )
     end: str | None = option(
         None,
@@ -178,14 +178,14 @@ class InputOptions(Group):
     body_axes: Literal["flu", "frd"] = option(
         "flu",
         "axes of the IMU: Forward-Left-Up or Forward-Right-Down",
-        brief="axes of the IMU: flu or frd",
+        brief="axes of the IMU: flu (default) or frd",
     )
     gyro_kind: Literal["auto", "rate", "mean-rate", "increment"] = option(
         "auto",
         "what a gyro sample is: the rate at its stamp, the mean rate over the interval that ends"
         " there, or the angle turned in that interval; auto: mean-rate for a smoothed attitude,"
         " otherwise rate",
-        brief="rate, mean-rate, increment or auto",
+        brief="what a gyro sample is: rate, mean-rate, increment or auto",
     )
     gyro_unit: Literal["rad/s", "deg/s"] | None = option(
         None, "unit of the gyro (default: rad/s; refused if the data contradicts it)"
@@ -213,7 +213,7 @@ class InputOptions(Group):
     salvage: bool = option(
         False,
         "skip the damaged parts of a log and report what was lost",
-        brief="skip damaged parts, report what was lost",
+        brief="skip damaged parts, and report what was lost",
     )
 
     @property

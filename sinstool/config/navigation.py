@@ -175,7 +175,7 @@ class FilterOptions(Group):
     smooth: bool = option(
         False,
         "smooth the INS/GNSS solution over the whole log (Rauch-Tung-Striebel)",
-        brief="smooth the INS/GNSS solution",
+        brief="smooth the INS/GNSS solution over the whole log",
     )
     withhold_gnss: tuple[str, ...] = option(
         (),

@@ -33,7 +33,7 @@ class CalibrationOptions(Group):
         "joint",
         "joint: slope of heading over rate and the encoder's delay, from all azimuths. heading:"
         " slope of heading alone. axial: gyro rate along the axis against the encoder",
-        brief="what the error is estimated from",
+        brief="joint (heading and encoder, the default), heading, or axial (gyro against encoder)",
     )
     form: Literal["regressor", "paper"] = option(
         "regressor",
@@ -48,14 +48,14 @@ class CalibrationOptions(Group):
         2.0,
         "time left out at both ends of a stretch at constant rate, in s",
         "S",
-        brief="time left out at both ends of a stretch, in s",
+        brief="time left out at both ends of a stretch, in s (default: 2)",
         ge=0,
     )
     min_turns: int = option(
         10,
         "whole turns that a run must have",
         "N",
-        brief="whole turns that a run must have",
+        brief="whole turns that a run must have (default: 10)",
         ge=1,
     )
     min_duration: float = option(60.0, "shortest run, in s", "S", gt=0)
@@ -66,17 +66,20 @@ class CalibrationOptions(Group):
         0.0,
         "time left out at the start of every log, in s",
         "S",
-        brief="time left out at the start of every log, in s",
+        brief="time left out at the start of every log, in s (default: 0)",
         ge=0,
     )
     exclude: tuple[str, ...] = option(
-        (), "runs to leave out, by ID; repeatable", "ID", brief="runs to leave out"
+        (),
+        "runs to leave out, by ID; repeatable",
+        "ID",
+        brief="runs to leave out, by ID; repeatable",
     )
     azimuth: tuple[str, ...] = option(
         (),
-        "azimuth of the base in a log, for the table of headings; repeatable",
+        "azimuth of the base in a log, in degrees, for the table of headings; repeatable",
         "LOG=DEG",
-        brief="azimuth of the base in a log; repeatable",
+        brief="azimuth of the base in a log, in degrees; repeatable",
     )
     keep_outliers: bool = option(
         False, "keep outlying repeats, which by default are left out and listed"
@@ -99,7 +102,7 @@ class HseOptions(Group):
         "calibration written by calibrate-hse, for a log of the same rig; corrects the heading in"
         " every stretch at constant rate",
         "FILE",
-        brief="calibration of the heading-sensitive error",
+        brief="correct the heading by this calibration",
     )
     force: bool = option(
         False, "apply a calibration of another rig, or one that is not significant"

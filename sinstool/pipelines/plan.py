@@ -236,7 +236,7 @@ def fixed_plan(source: Source, config: ProcessConfig) -> Plan:
         attitude=Choice("not chosen", untried, "--attitude"),
         gyro_samples=_gyro_samples(config, "not chosen"),
         magnetometer=Choice("not chosen", untried, "--magnetometer"),
-        first_attitude=Choice(config.align.align, "as configured", "--method"),
+        first_attitude=Choice(config.align.align, "as configured", "--align"),
         imu_grade=Choice(grade.grade, grade.why, "--imu-grade"),
         imu_noise=_imu_noise(source, config),
         coning=Choice("not chosen", untried, "--coning"),

@@ -16,11 +16,8 @@ from sinstool.core.errors import AlignmentError
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND
-from sinstool.methods.alignment.inflight import (
-    INCONSISTENT_CHI2,
-    InFlightAlignment,
-    align_in_flight,
-)
+from sinstool.methods.alignment.inflight import align_in_flight
+from sinstool.methods.alignment.inflight_answer import INCONSISTENT_CHI2, InFlightAlignment
 from sinstool.methods.alignment.inflight_types import AlignmentSettings, GnssFixes, ImuIncrements
 from sinstool.methods.alignment.level_bias import MOST_S, MOVING_M_S, LevelBias, level_bias
 from sinstool.methods.alignment.measurements import increments

@@ -142,7 +142,7 @@ def _time_at_rest(source: Source, config: ProcessConfig, method: str, time_ns: i
         known = f"until {seconds_from_start(end_ns, source):.1f} s" if resting else "at 0 s"
         raise ConfigurationError(
             f"--at {at}: {method} gives the attitude {known} only",
-            "give a time in that range, or align in motion with --method svd",
+            "give a time in that range, or align in motion with --align svd",
         )
     return asked_ns
 
@@ -197,7 +197,7 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         if source.survey.lead_in is None or source.latitude is None:
             raise AlignmentError(
                 f"{source.path}: gyrocompassing needs a log that begins at rest, and a latitude",
-                "choose a beginning at rest with --start, give --latitude, or use --method svd",
+                "choose a beginning at rest with --start, give --latitude, or use --align svd",
             )
         answer = compass(source, config, grade.grade)
         name, time_ns, span = method, answer.t_ns, (answer.t_start_ns, answer.t_ns)
@@ -263,7 +263,7 @@ def write_series(path: Path, alignment: LogAlignment, overwrite: bool) -> None:
     if not isinstance(answer, InFlightAlignment) or answer.series is None:
         raise ConfigurationError(
             "--series: only an alignment in motion has a solution at every fix",
-            "use --method svd, or leave it out",
+            "use --align svd, or leave it out",
         )
     check_output(path, [], overwrite)
     series = answer.series

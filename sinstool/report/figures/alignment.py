@@ -8,7 +8,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.rotation import to_euler
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.methods.alignment.inflight import InFlightAlignment
+from sinstool.methods.alignment.inflight_answer import InFlightAlignment
 from sinstool.methods.alignment.inflight_types import OK_SIGMA, REFUSE_SIGMA, AlignmentSeries
 from sinstool.pipelines.align.log import LogAlignment
 from sinstool.report.figure import Figure, FloatArray, Series

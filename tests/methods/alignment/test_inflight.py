@@ -282,7 +282,7 @@ def test_a_heading_that_many_fixes_deny_is_given_only_if_it_can_be_refined(
     _, imu, gnss = noisy(3, Receiver(errors=NOISY, faults=faults))
     assert align_in_flight(imu, gnss, AlignmentSettings(refine=True)).status == "ok"
     # As where the gyros' bias leaves the attitude at the end too uncertain
-    monkeypatch.setattr("sinstool.methods.alignment.inflight.REFINE_SIGMA", 0.0)
+    monkeypatch.setattr("sinstool.methods.alignment.inflight_answer.REFINE_SIGMA", 0.0)
     answer = align_in_flight(imu, gnss, AlignmentSettings(refine=True))
     assert (answer.status in ("ok", "degraded")) == given
     assert any("not refined" in text for text in answer.warnings)

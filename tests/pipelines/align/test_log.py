@@ -5,7 +5,7 @@ import pytest
 
 from sinstool.core import rotation
 from sinstool.core.errors import AlignmentError
-from sinstool.methods.alignment.inflight import InFlightAlignment
+from sinstool.methods.alignment.inflight_answer import InFlightAlignment
 from sinstool.pipelines.align.log import errors, tilt_errors
 from tests.helpers.launch_logs import (
     PERFECT,
