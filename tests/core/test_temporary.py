@@ -181,4 +181,6 @@ def test_an_unreadable_folder_is_left_alone(tmp_path):
 def test_any_name_of_a_file_will_do(place, name):
     handle, path = new_file(place, name)
     os.close(handle)
+    assert path.exists()
     remove_file(path)
+    assert list(place.iterdir()) == []

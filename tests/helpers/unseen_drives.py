@@ -49,6 +49,8 @@ GRADES = {
     "tactical": sensor_errors(0.003, 0.027, 0.03, 15.0, 300.0, 4.0),
     "industrial": sensor_errors(0.1, 25.0, 0.1, 200.0, 1000.0, 1.0),
 }
+# A cheap sensor that somebody calibrated
+CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 # What nobody calibrated, as phones have it
 PHONE = sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 100.0)
 # Sigmas of a filter's first tilt and heading, deg, and velocity, m/s

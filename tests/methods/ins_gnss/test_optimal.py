@@ -68,7 +68,8 @@ def test_error_free_data_navigates_exactly(road, kind):
     assert largest[6:].max() < 2e-6
 
 
-@pytest.mark.parametrize("grade", ["tactical", pytest.param("industrial", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("grade", ["tactical", "industrial"])
 def test_reference_filter_and_smoother_know_their_errors(road, grade):
     filtered, smoothed, in_outage, better = [], [], [], []
     for seed in DRAWS:

@@ -13,20 +13,10 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.returning_fixes import lasting, leaps, unsettled
 from tests.helpers.filter_logs import run
 from tests.helpers.quick import mostly_slow
-from tests.helpers.unseen_drives import (
-    LEVER,
-    T0,
-    drive,
-    moved,
-    record,
-    sensor_errors,
-    without_fixes,
-    write,
-)
+from tests.helpers.unseen_drives import LEVER, PHONE, T0, drive, moved, record, without_fixes, write
 from tests.pipelines.process.ins_gnss.test_false_fixes import worst
 
 SIGMA = 0.5
-CHIP = sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 100.0)
 
 
 def fixes(rate, turn_s, noise, seed, outage=(20.0, 40.0), lasts=80.0):
@@ -115,7 +105,7 @@ def test_a_bad_fix_after_an_outage_does_not_throw_the_filter_off(tmp_path, seed)
     """A phone's chip is 100 m uncertain after a minute without fixes: it took one that was 154 m
     off, and turned down all that followed (7 deg at 17 sigmas, status 0)."""
     truth = drive(seed, 200.0, rest=20.0)
-    data = record(truth, CHIP, seed, gnss_rate=5.0, sigma=SIGMA)
+    data = record(truth, PHONE, seed, gnss_rate=5.0, sigma=SIGMA)
     data = without_fixes(data, [(90.0, 150.0)])
     log = data.fixes
     row = int(np.searchsorted(log.seconds, 150.0))
@@ -243,7 +233,7 @@ def test_fixes_that_are_off_together_count_as_one():
 @pytest.mark.parametrize("seed", [1, 3])
 def test_a_receiver_that_comes_in_does_not_throw_the_filter_off(tmp_path, seed):
     truth = drive(seed, 330.0, rest=20.0)
-    data = record(truth, CHIP, seed, gnss_rate=2.0, sigma=SIGMA, sigma_v=0.06)
+    data = record(truth, PHONE, seed, gnss_rate=2.0, sigma=SIGMA, sigma_v=0.06)
     data = without_fixes(data, [(170.0, 240.0)])
     log = data.fixes
     fades = np.where(log.seconds >= 240.0, np.exp(-(log.seconds - 240.0) / 9.0), 0.0)

@@ -7,18 +7,17 @@ import pytest
 
 from tests.helpers.filter_logs import run
 from tests.helpers.unseen_drives import (
+    CONSUMER,
     LEVER,
     T0,
     drive,
     flight,
     moved,
     record,
-    sensor_errors,
     without_fixes,
     write,
 )
 
-CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 OUTAGES = [(60.0, 85.0), (150.0, 190.0)]
 
 

@@ -8,19 +8,18 @@ import pytest
 from tests.helpers.filter_logs import run, start_of
 from tests.helpers.logs import real
 from tests.helpers.unseen_drives import (
+    CONSUMER,
     boat,
     drive,
     flight,
     multicopter,
     record,
-    sensor_errors,
     walk,
     write,
 )
 from tests.helpers.unseen_errors import crossed, g_sensitive, shaken
 from tests.helpers.unseen_vehicles import motorcycle, tractor
 
-CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 KIND = {"gyro_kind": "mean-rate"}
 MOTIONS = {
     "walk": walk,

@@ -9,11 +9,11 @@ from sinstool.core.units import DEGREE
 from tests.helpers.filter_logs import first_start_of, start_of
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
+    CONSUMER,
     GRADES,
     drive,
     flight,
     record,
-    sensor_errors,
     without_samples,
     write,
 )
@@ -22,7 +22,6 @@ from tests.helpers.unseen_vehicles import helicopter, robot, tractor
 from tests.pipelines.process.ins_gnss.test_doubtful_logs import navigated
 
 ON_A_MAST = np.array([-0.15, 0.2, -0.4])
-CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 
 
 @pytest.mark.slow

@@ -37,6 +37,7 @@ from tests.helpers.filter_logs import run, simulated, start_of
 from tests.helpers.unseen_drives import (
     GRADES,
     LEVER,
+    PHONE,
     drive,
     flight,
     record,
@@ -654,8 +655,7 @@ def test_misalignments_are_found_and_reported(tmp_path, options, has):
 def test_a_filter_without_states_for_it_does_not_make_a_chip_calibrated(tmp_path, seed):
     """Its scale factors and angles were noise, and less likely than none: tilts 4 sigmas off."""
     truth = drive(seed, 260.0, 5.0)
-    chip = sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 100.0)
-    data = crossed(record(truth, chip, seed, gnss_rate=5.0, sigma=0.03), seed, 5e-3)
+    data = crossed(record(truth, PHONE, seed, gnss_rate=5.0, sigma=0.03), seed, 5e-3)
     log = write(tmp_path / "log.mcap", data)
     options = {"input": {"gyro_kind": "mean-rate"}, "gnss": {"lever_arm": tuple(LEVER.tolist())}}
     assert start_of(log, filter={"filter": "plain-15"}, **options).grade.grade == "consumer"

@@ -17,18 +17,16 @@ from sinstool.pipelines.process.ins_gnss.initial_state import _how
 from tests.helpers.filter_logs import first_start_of, start_of
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
+    CONSUMER,
     GRADES,
     LEVER,
     drive,
     multicopter,
     record,
-    sensor_errors,
     straight_flight,
     write,
 )
 from tests.helpers.unseen_errors import slower
-
-CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 
 
 @pytest.mark.parametrize(("held_s", "text"), [(58, "back over 58 s"), (-5, "forward over 5 s")])

@@ -13,6 +13,7 @@ from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
     DEG,
     LEVER,
+    PHONE,
     RATE,
     band_noise,
     drive,
@@ -20,12 +21,10 @@ from tests.helpers.unseen_drives import (
     motion_of,
     multicopter,
     record,
-    sensor_errors,
     smoothed,
     write,
 )
 
-CHIP = sensor_errors(0.4, 360.0, 0.12, 20000.0, 5000.0, 100.0)
 AS_LOGGED = {
     "input": {"gyro_kind": "mean-rate"},
     "gnss": {"lever_arm": tuple(LEVER.tolist())},
@@ -39,7 +38,7 @@ def begun(request, tmp_path_factory):
     """A first start, the motion after it, the true attitude there, and the truth."""
     kind, seed = request.param
     truth = kind(seed, 240.0)
-    data = record(truth, CHIP, seed, gnss_rate=5.0, sigma=0.3, sigma_v=0.05)
+    data = record(truth, PHONE, seed, gnss_rate=5.0, sigma=0.3, sigma_v=0.05)
     log_path = write(tmp_path_factory.mktemp("log") / "log.mcap", data)
     start, motion = first_start_of(log_path, **AS_LOGGED)
     at = int(np.searchsorted(truth.seconds, (start.time_ns - T0) * 1e-9))
@@ -87,7 +86,7 @@ def test_what_is_found_does_not_depend_on_where_it_began(tmp_path):
     apart = {"at once": [], "iterated": []}
     for seed in range(1, 6):
         truth = lift(seed)
-        data = record(truth, CHIP, seed, gnss_rate=5.0, sigma=0.3, sigma_v=0.03)
+        data = record(truth, PHONE, seed, gnss_rate=5.0, sigma=0.3, sigma_v=0.03)
         start, motion = first_start_of(write(tmp_path / f"{seed}.mcap", data), **AS_LOGGED)
         at = int(np.searchsorted(truth.seconds, (start.time_ns - T0) * 1e-9))
         begun = [

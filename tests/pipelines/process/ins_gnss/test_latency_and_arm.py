@@ -21,6 +21,7 @@ from sinstool.methods.receiver_priors import LATENCY_S
 from sinstool.pipelines.process.ins_gnss import timing
 from tests.helpers.filter_logs import first_start_of, run, start_of
 from tests.helpers.unseen_drives import (
+    CONSUMER,
     GRADES,
     LEVER,
     T0,
@@ -36,7 +37,6 @@ from tests.helpers.unseen_drives import (
 from tests.helpers.unseen_errors import shaken, slower
 from tests.helpers.unseen_vehicles import motorcycle, tractor, train
 
-CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 KIND = {"gyro_kind": "mean-rate"}
 OF_OFFSETS = {"latency", "lever-arm", "velocity-lag", "latency-used"}
 

@@ -14,6 +14,7 @@ from sinstool.pipelines.process.ins_gnss.likeliest_attitude import TILT_SIGMA, l
 from tests.helpers.filter_logs import first_start_of
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
+    CONSUMER,
     DEG,
     GRADES,
     LEVER,
@@ -28,7 +29,6 @@ from tests.helpers.unseen_drives import (
 )
 from tests.pipelines.process.ins_gnss.test_doubtful_logs import kinds, navigated
 
-CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 AS_LOGGED = {"input": {"gyro_kind": "mean-rate"}, "gnss": {"lever_arm": tuple(LEVER.tolist())}}
 
 

@@ -15,15 +15,7 @@ from sinstool.pipelines.plan import make_plan
 from sinstool.pipelines.process.ins_gnss import initial_state, timing
 from sinstool.survey.source import prepare
 from tests.helpers.filter_logs import simulated, start_of
-from tests.helpers.unseen_drives import (
-    GRADES,
-    LEVER,
-    cruise,
-    drive,
-    record,
-    sensor_errors,
-    write,
-)
+from tests.helpers.unseen_drives import CONSUMER, GRADES, LEVER, cruise, drive, record, write
 from tests.helpers.unseen_errors import wandering
 
 
@@ -62,8 +54,7 @@ def standing(path):
 
 def straight_on(path):
     """Gyros whose bias nothing shows: others are tried where an answer is not good."""
-    consumer = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
-    return write(path, record(cruise(80.0), consumer, 5, sigma=0.9, sigma_v=0.2))
+    return write(path, record(cruise(80.0), CONSUMER, 5, sigma=0.9, sigma_v=0.2))
 
 
 def too_short(path):

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from tests.helpers.filter_logs import run, start_of
-from tests.helpers.unseen_drives import drive, flight, record, sensor_errors, write
+from tests.helpers.unseen_drives import CONSUMER, drive, flight, record, write
 
-CONSUMER = sensor_errors(0.4, 150.0, 0.15, 1500.0, 3000.0, 0.5)
 KIND = {"gyro_kind": "mean-rate"}
 
 
