@@ -184,7 +184,7 @@ class InputOptions(Group):
         "auto",
         "what a gyro sample is: the rate at its stamp, the mean rate over the interval that ends"
         " there, or the angle turned in that interval; auto: mean-rate for a smoothed attitude,"
-        " otherwise rate",
+        " and for INS/GNSS where the fixes show it, otherwise rate",
         brief="what a gyro sample is: rate, mean-rate, increment or auto",
     )
     gyro_unit: Literal["rad/s", "deg/s"] | None = option(
