@@ -22,7 +22,8 @@ from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.alignment.gyrocompass import Gyrocompass
 from sinstool.methods.alignment.inflight_answer import InFlightAlignment
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
-from sinstool.pipelines.align.first_attitude import align, compass, seconds_from_start
+from sinstool.pipelines.align.earth_rotation import compass
+from sinstool.pipelines.align.first_attitude import align, seconds_from_start
 from sinstool.pipelines.align.in_motion import align_moving
 from sinstool.pipelines.align.result import (
     HEADING_OBSERVED,

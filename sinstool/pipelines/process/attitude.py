@@ -12,7 +12,7 @@ from sinstool.core.streams import Diagnostics, Imu, Solution
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment.initial import NOT_STILL, Alignment
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
-from sinstool.pipelines.align.first_attitude import earth_rate
+from sinstool.pipelines.align.earth_rotation import earth_rate
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.mode import (
     BytesRead,

@@ -14,7 +14,8 @@ from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.alignment.initial import level, tilted
 from sinstool.pipelines.align import in_motion
-from sinstool.pipelines.align.first_attitude import align, in_flight
+from sinstool.pipelines.align.first_attitude import align
+from sinstool.pipelines.align.first_in_motion import in_flight
 from sinstool.pipelines.align.log import align_log
 from sinstool.survey.source import prepare
 from tests.helpers.imulogs import G, even_times, imu_log, resting

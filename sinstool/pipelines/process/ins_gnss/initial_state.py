@@ -20,12 +20,8 @@ from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.methods.ins_gnss.settings import GnssModel, Settings, Start
 from sinstool.methods.ins_gnss.start import TWICE_USED, start_at
 from sinstool.methods.strapdown.followed_rates import FOLLOWED_S
-from sinstool.pipelines.align.first_attitude import (
-    align,
-    in_flight,
-    seconds_from_start,
-    with_bias_in_motion,
-)
+from sinstool.pipelines.align.first_attitude import align, seconds_from_start
+from sinstool.pipelines.align.first_in_motion import in_flight, with_bias_in_motion
 from sinstool.pipelines.process.ins_gnss.start_velocity import velocity_around
 from sinstool.survey.grade import bias_at_rest
 from sinstool.survey.source import Source, rate_blocks
