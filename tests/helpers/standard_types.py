@@ -8,10 +8,11 @@ writes them to where the package looks for them.
 import json
 from dataclasses import astuple
 
-from sinstool.io.messages.definitions import ENCODINGS, collected, definition_of
+from sinstool.io.messages.definitions import collected, definition_of
 from sinstool.io.writers.solution_topics import DIAGNOSTICS_TYPE, TOPICS
 from tests.helpers.paths import ROOT
 
+ENCODINGS = ("cdr", "ros1")
 PATH = ROOT / "sinstool/io/messages/standard.json"
 # What logs have beside what results are written in
 OF_LOGS = (

@@ -17,7 +17,6 @@ from typing import Any
 # rosbags is imported where it is asked, as with its parsers that takes longer than to read a small
 # log: what the usual types look like lies beside this module.
 
-ENCODINGS = ("cdr", "ros1")
 # The largest standard schema has 12 kB; a hostile one must not cost the time to parse it.
 MAX_SCHEMA = 2**20
 SCHEMA_ENCODINGS = ("ros2msg", "ros1msg", "ros2idl", "")

@@ -29,8 +29,7 @@ from typing import Any
 import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.methods.ins_gnss.results import StoredEpochs
-from sinstool.methods.ins_gnss.rts import Packed, pack, room, smooth_backward
+from sinstool.methods.ins_gnss.rts import Packed, room, smooth_backward
 from sinstool.methods.ins_gnss.states import GNSS_POSITION, FilterKind
 
 # Bytes of rows that are smoothed before their memory is given back.
@@ -79,32 +78,6 @@ class SmoothedEpochs:
 
     def __len__(self) -> int:
         return len(self.time_ns)
-
-
-def smooth_epochs(
-    stored: StoredEpochs, kind: FilterKind, start_ns: int | None = None
-) -> SmoothedEpochs:
-    """Smooth the epochs that a filter stored.
-
-    Parameters
-    ----------
-    stored : StoredEpochs
-        Of a whole run.
-    kind : FilterKind
-        Of the filter that ran.
-    start_ns : int, optional
-        End of the first IMU update; by default the first row.
-
-    Raises
-    ------
-    ValueError
-        If there is no row, or the rows are those of a filter with another number of states.
-    """
-    m, n = len(stored), kind.size
-    if not m:
-        raise ValueError("There is nothing to smooth: the filter stored no row.")
-    columns = {name: np.array(getattr(stored, name)) for name in OF_ROWS}
-    return smooth_columns(columns, pack(stored, kind), kind, start_ns, whole=np.empty((m, n, n)))
 
 
 def smooth_columns(

@@ -10,9 +10,9 @@ from sinstool.core.rotation import conjugate, exp, log, multiply
 from sinstool.methods.ins_gnss import smoothed_epochs as epochs_module
 from sinstool.methods.ins_gnss.layout import SENSORS
 from sinstool.methods.ins_gnss.results import FilterBlock, StoredEpochs, UpdateColumns
-from sinstool.methods.ins_gnss.rts import CORNER
+from sinstool.methods.ins_gnss.rts import CORNER, pack
 from sinstool.methods.ins_gnss.settings import DivergenceControl
-from sinstool.methods.ins_gnss.smoothed_epochs import smooth_epochs
+from sinstool.methods.ins_gnss.smoothed_epochs import OF_ROWS, smooth_columns
 from sinstool.methods.ins_gnss.smoother import COVARIANCES, Smoother, smooth_updates
 from sinstool.methods.ins_gnss.states import FILTERS, GYRO_BIAS, I_MOVING
 from sinstool.methods.strapdown.navigation import SIZE
@@ -118,6 +118,13 @@ class Problem:
             x.reshape(rows + 1, N)[1:],
             np.array([covariance[N * k :][:N, N * k :][:, :N] for k in range(1, rows + 1)]),
         )
+
+
+def smooth_epochs(stored, kind, start_ns=None):
+    """A whole run smoothed, with the covariances of all states."""
+    columns = {name: np.array(getattr(stored, name)) for name in OF_ROWS}
+    whole = np.empty((len(stored), kind.size, kind.size))
+    return smooth_columns(columns, pack(stored, kind), kind, start_ns, whole=whole)
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -295,9 +302,8 @@ def test_blocks_and_files_change_nothing(limit, rows, at_once, monkeypatch):
 
 def test_what_cannot_be_smoothed_is_refused():
     stored, _ = small_problem()
-    none = StoredEpochs(**{k: v[:0] for k, v in vars(stored).items()})
-    with pytest.raises(ValueError, match="nothing to smooth"):
-        smooth_epochs(none, KIND)
+    with Smoother(KIND) as smoother, pytest.raises(ValueError, match="nothing to smooth"):
+        smoother.epochs()
     with pytest.raises(ValueError, match="states"):
         smooth_epochs(stored, FILTERS["markov-21"])
     with Smoother(KIND) as smoother, pytest.raises(ValueError, match="outputs"):
