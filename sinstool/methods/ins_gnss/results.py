@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.streams import Solution
 
 EVENT_NAMES = (
     "gated",
@@ -64,6 +67,33 @@ class UpdateColumns:
 
     def __len__(self) -> int:
         return len(self.time_ns)
+
+    def as_solution(self, log_time_ns: IntArray, height_damped: bool) -> Solution:
+        """The same as a solution.
+
+        Parameters
+        ----------
+        log_time_ns : ndarray of int64, shape (n,)
+            When the samples at the ends of the updates were recorded.
+        height_damped : bool
+            Whether a network damps the height, whose state is then given too.
+        """
+        vertical = None
+        if height_damped:
+            vertical = np.stack([self.height, -self.velocity_n[:, 2], self.correction], axis=1)
+        return Solution(
+            self.time_ns,
+            log_time_ns,
+            self.q_nb,
+            self.omega_ib_b,
+            self.specific_force_b,
+            np.stack([self.latitude, self.longitude, self.height], axis=1),
+            self.velocity_n,
+            vertical,
+            self.covariance_position_n,
+            self.covariance_velocity_n,
+            self.covariance_attitude_n,
+        )
 
 
 @dataclass(frozen=True)

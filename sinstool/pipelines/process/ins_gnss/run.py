@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.arrays import IntArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.result import fields_in
@@ -35,7 +36,6 @@ from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.filter_used import (
     FilterStartTime,
     FilterUsed,
-    LatencyUsed,
     WithheldScores,
 )
 from sinstool.pipelines.process.height import Damping, height_warnings
@@ -240,7 +240,7 @@ class FilterRun(Mode):
         yield from self._scored(self._earlier(stretch, stretch.start.start))
         for block, imu in self._run(stretch, progress):
             assert block.updates is not None
-            yield from self._scored(self._solution(block.updates, imu.log_time_ns))
+            yield from self._scored(self._as_solution(block.updates, imu.log_time_ns))
             del block
 
     def _smoothed(self, stretch: Stretch, progress: BytesRead | None) -> Iterator[Solution]:
@@ -249,7 +249,7 @@ class FilterRun(Mode):
             for block, imu in self._run(stretch, progress):
                 assert block.updates is not None
                 if self._hidden:
-                    self._filtered.push(self._solution(block.updates, imu.log_time_ns))
+                    self._filtered.push(self._as_solution(block.updates, imu.log_time_ns))
                 smoother.push(block)
                 log_times.append(imu.log_time_ns)
                 del block
@@ -268,7 +268,7 @@ class FilterRun(Mode):
             for updates in smoother.blocks(smoothed):
                 end = begin + len(updates)
                 updates = marked(updates, doubtful) if doubtful else updates
-                yield from self._scored(self._solution(updates, log_time[begin:end]))
+                yield from self._scored(self._as_solution(updates, log_time[begin:end]))
                 begin = end
 
     def _mounted(self, c_vb: np.ndarray | None) -> None:
@@ -370,23 +370,8 @@ class FilterRun(Mode):
             columns = {}
         return concatenate([updates for updates in made if updates is not None])
 
-    def _solution(self, u: UpdateColumns, log_time: np.ndarray) -> Solution:
-        vertical = None
-        if self._start.reference is not None:
-            vertical = np.stack([u.height, -u.velocity_n[:, 2], u.correction], axis=1)
-        return Solution(
-            u.time_ns,
-            log_time,
-            u.q_nb,
-            u.omega_ib_b,
-            u.specific_force_b,
-            np.stack([u.latitude, u.longitude, u.height], axis=1),
-            u.velocity_n,
-            vertical,
-            u.covariance_position_n,
-            u.covariance_velocity_n,
-            u.covariance_attitude_n,
-        )
+    def _as_solution(self, updates: UpdateColumns, log_time_ns: IntArray) -> Solution:
+        return updates.as_solution(log_time_ns, height_damped=self._start.reference is not None)
 
     def new_diagnostics(self) -> list[Diagnostics]:
         """Diagnostics since the last call, for writing."""
@@ -435,7 +420,7 @@ class FilterRun(Mode):
             imu_grade=p.grade,
             gnss_noise=p.gnss_why,
             gnss_latency_s=p.settings.gnss_latency,
-            gnss_latency=self._latency(),
+            gnss_latency=settings_used.latency_used(p),
             lever_arm_m=tuple(p.settings.lever_arm_b),
             gyro_bias_rad_s=tuple(s.gyro_bias.tolist()),
             accel_bias_m_s2=tuple(s.accel_bias.tolist()),
@@ -444,20 +429,6 @@ class FilterRun(Mode):
             events=dict(Counter(event.kind for event in events_of(self._stretches))),
             outages=find_outages(self._gnss),
             withheld=self._scores(),
-        )
-
-    def _latency(self) -> LatencyUsed:
-        """Latency of the fixes that was assumed, and its source."""
-        p = self._start
-        shown = p.offsets if p.offsets is not None and p.offsets.observable else None
-        half = 0.5 * p.lag
-        return LatencyUsed(
-            status=p.latency_status,
-            sigma_s=None if shown is None else shown.sigma_s,
-            estimate_s=None if shown is None else shown.latency_s,
-            position_s=p.settings.gnss_latency - half,
-            velocity_s=p.settings.gnss_latency + half,
-            clock_ppm=1e6 * p.clock.rate,
         )
 
     def _scores(self) -> WithheldScores | None:

@@ -13,6 +13,7 @@ from sinstool.core.finding import Finding, Severity
 from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.filter import FilterSummary
 from sinstool.methods.ins_gnss.offsets_error import OffsetsError
+from sinstool.pipelines.process.filter_used import LatencyUsed
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.receiver import USUAL_SIGMA_V
 
@@ -22,6 +23,20 @@ WORSE_THAN_FIXES = 5.0
 # than all else. An option helps that leaves at most this part of its variance.
 LEAST_HEADING, HALVED = 0.1 * DEGREE, 0.25
 RECEIVER = {"--lever-arm": "the antenna's place", "--gnss-latency": "the latency of the fixes"}
+
+
+def latency_used(start: FilterStart) -> LatencyUsed:
+    """Latency of the fixes that was assumed, and its source."""
+    offsets = start.offsets if start.offsets is not None and start.offsets.observable else None
+    half = 0.5 * start.lag
+    return LatencyUsed(
+        status=start.latency_status,
+        sigma_s=None if offsets is None else offsets.sigma_s,
+        estimate_s=None if offsets is None else offsets.latency_s,
+        position_s=start.settings.gnss_latency - half,
+        velocity_s=start.settings.gnss_latency + half,
+        clock_ppm=1e6 * start.clock.rate,
+    )
 
 
 def notes(

@@ -1,0 +1,146 @@
+"""Inputs and outputs that cannot be, each refused in one line."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from tests.cli.bad_logs import (
+    ambiguous,
+    cut,
+    deg_s,
+    directory,
+    empty,
+    in_g,
+    missing,
+    no_imu,
+    not_a_number,
+    slow,
+    text,
+)
+from tests.cli.one_line import one_line
+from tests.helpers.imulogs import (
+    read_topic,
+)
+
+PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
+
+
+BAD = [
+    missing, empty, text, directory, cut, no_imu, ambiguous, deg_s, in_g, slow, not_a_number
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("make", BAD, ids=lambda f: f.__name__)
+@pytest.mark.parametrize("options", [(), ("--json",), ("-q",)])
+def test_bad_inputs_end_in_one_line(sinstool, tmp_path, make, options):
+    path, expected = make(tmp_path)
+    before = sorted(p.name for p in tmp_path.rglob("*"))
+    status, out, err = sinstool("process", path, "-o", tmp_path / "out.mcap", *options)
+    line = one_line(err)
+    assert status == 1
+    if "--json" in options:
+        failure = {"schema": "sinstool.error/1", "status": "failed", "exit": 1}
+        assert json.loads(out) == {**failure, "error": line.removeprefix("sinstool: ")}
+    else:
+        assert out == ""
+    assert expected in line and str(path) in line
+    assert sorted(p.name for p in tmp_path.rglob("*")) == before
+
+
+def test_output_exists(sinstool, log, tmp_path):
+    out = tmp_path / "out.mcap"
+    out.write_bytes(b"precious")
+    status, _, err = sinstool("process", log, "-o", out)
+    assert status == 1 and "exists already" in one_line(err) and "--overwrite" in err
+    assert out.read_bytes() == b"precious"
+    status, _, err = sinstool("process", log, "-o", out, "--overwrite")
+    assert status == 0 and "Traceback" not in err
+    assert len(read_topic(out, "/sinstool/attitude")) == 1000
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["logs", "out.mcap"]
+
+
+@pytest.mark.parametrize("options", [(), ("--overwrite",)])
+@pytest.mark.parametrize("way", ["itself", "dotted", "symlink", "hardlink"])
+def test_output_is_the_input(sinstool, log, options, way):
+    out = log
+    if way == "dotted":
+        out = log.parent / ".." / log.parent.name / log.name
+    elif way != "itself":
+        out = log.parent / "other.mcap"
+        (os.symlink if way == "symlink" else os.link)(log, out)
+    before = log.read_bytes()
+    status, _, err = sinstool("process", log, "-o", out, *options)
+    assert status == 1 and "is the input itself" in one_line(err)
+    assert log.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("out", "expected"),
+    [
+        ("/proc/out.mcap", "/proc"),  # not even root writes there
+        ("nowhere/out.mcap", "does not exist"),
+        ("logs", "is a folder"),
+        ("logs/good.mcap/out.mcap", "does not exist"),
+    ],
+)
+def test_unwritable_places(sinstool, log, tmp_path, monkeypatch, out, expected):
+    if out.startswith("/proc") and not Path("/proc").is_dir():
+        pytest.skip("no /proc on this system")
+    monkeypatch.chdir(tmp_path)
+    status, _, err = sinstool("process", log, "-o", out)
+    assert status == 1 and expected in one_line(err)
+    assert [p.name for p in tmp_path.rglob("*")] == ["logs", "good.mcap"]
+
+
+@pytest.fixture(scope="module")
+def large(tmp_path_factory):
+    """So large that processing it takes a while."""
+    from sinstool.simulation.coning import classical_coning
+    from sinstool.simulation.log import write_simulated
+    from sinstool.simulation.truth import sample_times
+    from tests.helpers.motion_topics import motion_topics
+
+    path = tmp_path_factory.mktemp("large") / "large.mcap"
+    truth = classical_coning(sample_times(1000.0, 200.0, 10**18), 0.3, 3.0)
+    write_simulated(path, motion_topics(truth, "rate", "flu"), {})
+    return path
+
+
+def has_open(process, path):
+    """Whether a process has a file open; True also where the system does not say."""
+    files = Path(f"/proc/{process.pid}/fd")
+    if not files.is_dir():
+        return True
+    try:
+        return any(os.path.realpath(f) == str(path) for f in files.iterdir())
+    except OSError:  # one was closed meanwhile
+        return False
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["while it reads", "while it writes"])
+def test_ctrl_c(large, tmp_path, when):
+    run = subprocess.Popen(
+        [*PROGRAM, "process", large, "-o", tmp_path / "out.mcap"],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline and run.poll() is None:
+        if when == "while it reads" and has_open(run, large):
+            break
+        if any(p.stat().st_size for p in tmp_path.iterdir()):
+            break
+    assert run.poll() is None
+    run.send_signal(signal.SIGINT)
+    stdout, stderr = run.communicate(timeout=30)
+    assert run.returncode == 130, stderr.decode()
+    assert one_line(stderr.decode()) == "sinstool: interrupted; nothing was written"
+    assert stdout == b""
+    assert list(tmp_path.iterdir()) == []
