@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -117,50 +117,44 @@ def align_moving(
     except AlignmentError as exc:
         raise AlignmentError(f"{source.log.path}: {exc.message}", exc.hint) from exc
 
-    def through(gate: str, *more: str) -> MotionAlignment:
-        return _through(
-            gate,
-            source,
-            config,
-            grade,
-            method,
-            at,
-            fixes,
-            (*notes, *more),
-            refuse_sigma,
-            sample_s,
-            likely_bias,
-        )
-
+    wanted = _Wanted(
+        source, config, grade, method, at, fixes, tuple(notes), refuse_sigma, sample_s, likely_bias
+    )
     if config.in_flight.gate != "auto":
-        return through(config.in_flight.gate)
+        return _through(config.in_flight.gate, wanted)
     lively = float(np.linalg.norm(survey.accel_max)) > LIFT_OFF
     if not (lively and _lifts_off(source, fixes)):
-        return through("off")
-    gated = through("paper")
+        return _through("off", wanted)
+    gated = _through("paper", wanted)
     if gated.good or survey.saturated:
         return gated
     with suppress(AlignmentError):
-        whole = through("off", NEVER_CALM)
+        whole = _through("off", replace(wanted, notes=(*wanted.notes, NEVER_CALM)))
         if whole.good and whole.consistent:
             return whole
     return gated
 
 
-def _through(
-    gate: str,
-    source: Source,
-    config: ProcessConfig,
-    grade: Grade,
-    method: str,
-    at: str | int,
-    fixes: GnssFixes,
-    notes: tuple[str, ...],
-    refuse_sigma: float,
-    sample_s: float,
-    likely_bias: np.ndarray | None,
-) -> MotionAlignment:
-    """The same with a gate: ``paper``, ``mask`` or ``off``."""
+@dataclass(frozen=True)
+class _Wanted:
+    """What is to be aligned: the arguments of :func:`align_moving`, with fixes and notes."""
+
+    source: Source
+    config: ProcessConfig
+    grade: Grade
+    method: str
+    at: str | int
+    fixes: GnssFixes
+    notes: tuple[str, ...]
+    refuse_sigma: float
+    sample_s: float
+    likely_bias: np.ndarray | None
+
+
+def _through(gate: str, wanted: _Wanted) -> MotionAlignment:
+    """An alignment with a gate: ``paper``, ``mask`` or ``off``."""
+    source, config, fixes, notes = wanted.source, wanted.config, wanted.fixes, wanted.notes
+    grade, refuse_sigma = wanted.grade, wanted.refuse_sigma
     options, survey = config.in_flight, source.survey
     first = survey.first_ns
     bias, at_rest = bias_at_rest(source, config, grade)
@@ -186,7 +180,7 @@ def _through(
         around: bool = False,
         likely: np.ndarray | None = None,
     ) -> MotionAlignment:
-        settings = _settings(config, errors, method, gate, at, begin, survey)
+        settings = _settings(config, errors, wanted.method, gate, wanted.at, begin, survey)
         return align_in_motion(
             SpanReader(
                 rate_blocks(source, config, _reading_from(source, gate, begin)),
@@ -195,7 +189,7 @@ def _through(
             config.input.sample_kind,
             _interval_ns(source) / SECOND,
             fixes,
-            replace(settings, refuse_sigma=sigma, sample_s=sample_s, around=around),
+            replace(settings, refuse_sigma=sigma, sample_s=wanted.sample_s, around=around),
             bias if likely is None else likely,
             in_motion.spans(gate, begin, end, first, int(fixes.time_ns[-1])),
             UNKNOWN_BIAS if doubtful and likely is None else None,
@@ -204,9 +198,9 @@ def _through(
             known,
         )
 
-    if doubtful and likely_bias is not None:
+    if doubtful and wanted.likely_bias is not None:
         with suppress(AlignmentError):
-            same = begun(start, notes, likely=likely_bias)
+            same = begun(start, notes, likely=wanted.likely_bias)
             if not same.bias_surprises and same.consistent:
                 return replace(same, bias_by_motion=True)
     known: in_motion.Known | None = None
