@@ -17,7 +17,7 @@ from sinstool.core.arrays import BoolArray, IntArray
 from sinstool.core.choices import log_choice
 from sinstool.core.english import counted, counted_clause
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.streams import Gnss, GnssEpochs, Stream, Velocity
+from sinstool.core.streams import Gnss, Stream, Velocity
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.io.readers.log import Channel, Log
@@ -25,6 +25,7 @@ from sinstool.io.readers.message_types import GPS_FIX_TYPES, VELOCITY_TYPES
 from sinstool.io.readers.streams import Losses, frame_id, read_fixes, read_velocity
 from sinstool.io.readers.topics import NONE, fix_topics, optional_topics
 from sinstool.survey.aiding import AidingData, in_order, only, until
+from sinstool.survey.epochs import join, partners
 from sinstool.survey.even_fixes import at_even_times
 from sinstool.survey.fix_units import check_degrees, check_range, with_rounding
 from sinstool.survey.interpolated import interpolated, on_lines
@@ -33,8 +34,6 @@ from sinstool.survey.velocity import Agreement, agreement, odd_frame, usual_nois
 
 S = TypeVar("S", bound=Stream)
 
-# Position and velocity of one epoch may be stamped apart by the time between their messages.
-SAME_EPOCH_NS = 20_000_000
 # Of the seconds of the receiver that has the most: one with fewer is no choice.
 NEARLY_ALL = 0.8
 # A velocity whose down part is exactly zero, while height moves by this, has none.
@@ -43,8 +42,6 @@ FLAT_HEIGHT_M = 5.0
 FASTEST_M_S = 2e4
 # The kinds of finding about a velocity that is none over ground: left out, or used as configured.
 LEFT_OUT, CONTRADICTS = "velocity-left-out", "velocity-contradicts"
-# A standard deviation above this says "unknown", however much larger it is.
-UNKNOWN_SIGMA = 1e6
 
 
 def read_gnss(
@@ -361,7 +358,7 @@ def _stamped_at(velocity: Velocity, times_ns: IntArray) -> BoolArray:
     """Velocities of the epochs at some times, shape (m,)."""
     at = np.zeros(len(velocity), np.bool_)
     if len(times_ns):
-        partner, together = _partners(times_ns, velocity.time_ns)
+        partner, together = partners(times_ns, velocity.time_ns)
         at[partner[together]] = True
     return at
 
@@ -416,67 +413,3 @@ def _without_stuck(
         numbers=numbers,
     )
     return fixes.rows(~stuck), velocity, [finding]
-
-
-def join(fixes: Gnss | None, velocity: Velocity | None) -> GnssEpochs | None:
-    """Fixes and velocities by epoch: those stamped together share a row.
-
-    Parameters
-    ----------
-    velocity : Velocity or None
-        Both by time, without repeated stamps.
-
-    Returns
-    -------
-    GnssEpochs or None
-        By time. A row takes the stamp of the fix.
-    """
-    first = fixes if fixes is not None else velocity
-    if first is None:
-        return None
-    times, logged, rows = first.time_ns, first.log_time_ns, np.arange(len(first))
-    if fixes is not None and velocity is not None:
-        partner, together = _partners(fixes.time_ns, velocity.time_ns)
-        single = np.ones(len(velocity), np.bool_)
-        single[partner[together]] = False
-        alone = np.flatnonzero(single)
-        times = np.concatenate([times, velocity.time_ns[alone]])
-        logged = np.concatenate([logged, velocity.log_time_ns[alone]])
-        rows = np.concatenate([rows[together], len(fixes) + np.arange(len(alone))])
-        velocity = velocity.rows(np.concatenate([partner[together], alone]))
-    latitude, longitude, height = (np.full(len(times), np.nan) for _ in range(3))
-    v, sigma_p, sigma_v = (np.full((len(times), 3), np.nan) for _ in range(3))
-    if fixes is not None:
-        n = len(fixes)
-        latitude[:n], longitude[:n], height[:n] = fixes.latitude, fixes.longitude, fixes.height
-        sigma_p[:n] = _sigma(fixes.covariance_n, (fixes.covariance_type > 0)[:, None])
-    if velocity is not None:
-        v[rows] = velocity.velocity_n
-        sigma_v[rows] = _sigma(velocity.covariance_n, True)
-    epochs = GnssEpochs(times, logged, latitude, longitude, height, v, sigma_p, sigma_v)
-    if np.all(times[1:] >= times[:-1]):
-        return epochs
-    return epochs.rows(np.argsort(times, kind="stable"))
-
-
-def _partners(fixes_ns: np.ndarray, velocity_ns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The velocity nearest to each fix, and whether the two are of one epoch."""
-    right = np.searchsorted(velocity_ns, fixes_ns)
-    left = np.clip(right - 1, 0, len(velocity_ns) - 1)
-    right = np.clip(right, 0, len(velocity_ns) - 1)
-    to_left = np.abs(velocity_ns[left] - fixes_ns)
-    to_right = np.abs(velocity_ns[right] - fixes_ns)
-    partner = np.where(to_left <= to_right, left, right)
-    away = np.minimum(to_left, to_right)
-    # A velocity belongs to one fix only, the nearest to it.
-    order = np.lexsort((away, partner))
-    nearest = np.zeros(len(fixes_ns), np.bool_)
-    nearest[order[np.diff(partner[order], prepend=-1) > 0]] = True
-    return partner, nearest & (away <= SAME_EPOCH_NS)
-
-
-def _sigma(covariance: np.ndarray, stated: np.ndarray | bool) -> np.ndarray:
-    """Roots of the diagonal; NaN where it says nothing."""
-    variance = np.einsum("nii->ni", covariance)
-    good = stated & np.isfinite(variance) & (variance > 0.0)
-    return np.minimum(np.sqrt(np.where(good, variance, np.nan)), UNKNOWN_SIGMA)

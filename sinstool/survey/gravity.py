@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sinstool.core.units import STANDARD_GRAVITY
-from sinstool.survey.oddities import steady_force, usual_force
+from sinstool.survey.odd_units import steady_force, usual_force
 from sinstool.survey.source import Source
 
 

@@ -12,7 +12,8 @@ from sinstool.core.streams import Gnss, Velocity
 from sinstool.io.readers import open_log
 from sinstool.io.readers.message_types import FIX_TYPE, JOINT_TYPE, PRESSURE_TYPE
 from sinstool.survey.aiding import aiding_channels, read_barometer
-from sinstool.survey.gnss import join, read_gnss
+from sinstool.survey.epochs import join
+from sinstool.survey.gnss import read_gnss
 from sinstool.survey.source import prepare
 from tests.helpers.imulogs import (
     Message,
