@@ -39,23 +39,13 @@ from sinstool.methods.alignment.still import StillSpan, Windows, lead_in, still_
 from sinstool.survey.even_stamps import EvenStamps
 from sinstool.survey.no_measurements import LeftOut, Suspects
 from sinstool.survey.orientation import OrientationFault, orientation_fault
+from sinstool.survey.range_ends import crowded, stopped
 from sinstool.survey.rest import calmer
 from sinstool.survey.tally import CROWD, Tally
 from sinstool.survey.unit_evidence import UnitEvidence, unit_evidence
 
 BLOCK_ROWS = 16384
 BURSTY_SHARE = 0.05
-# Several consecutive samples at the largest value are a stop, unless as many are just below it, as
-# where a slow motion turns back, or the axis is always near it. But where its values otherwise
-# change from sample to sample, only a stop holds one of them for HELD_RUN samples.
-SATURATION_RUN = 3
-SATURATION_RATIO = 2.0
-HELD_RUN, CHANGING = 20, 0.5
-# After a calibration the values at the end of a range are not all the same, but close together: at
-# least CROWDED times as many as below them, in runs of CROWDED_RUN in the mean, at CROWDED_TIMES
-# occasions. Of a sine 0.8 times as many lie there, and the steps to them are twice those from one
-# to another.
-CROWDED, CROWDED_RUN, CROWDED_TIMES, CROWDED_STEP = 1.5, 3.0, 3.0, 4.0
 # A clock was set back if samples alternate between two times this often for each step back.
 SET_BACK_RATIO = 10
 # Stamps are too coarse if this share of the samples has another's stamp, but other values.
@@ -412,7 +402,7 @@ def _conclude(
     saturated = tuple(
         name
         for name, row, size in zip(names, tally.extremes, usual, strict=True)
-        if _stopped(row, size)
+        if stopped(row, size)
     )
     constant = tally.orientation is not None and not tally.orientation_varies and tally.count > 1
     placeholder = constant and _is_identity(tally.orientation, body_axes)
@@ -447,7 +437,7 @@ def _conclude(
         gyro_resolution=gyro_step,
         accel_resolution=accel_step,
         saturated=saturated,
-        gyro_stops=np.where(_crowded(tally.crowds), CROWD * tally.crowds[..., 0], np.inf),
+        gyro_stops=np.where(crowded(tally.crowds), CROWD * tally.crowds[..., 0], np.inf),
         specific_force_median=tally.force_median(),
         windows=windows,
         spans=tuple(spans),
@@ -472,22 +462,6 @@ def _held(tally: Tally) -> int:
     shares = tally.extremes[:, 10] / max(tally.count - 1, 1)
     middle = np.sqrt(shares.min() * shares.prod())
     return tally.held if tally.held >= middle * (tally.count - 1) else 0
-
-
-def _stopped(row: np.ndarray, usual: float) -> bool:
-    """Whether the largest value of an axis is the end of its range; columns as in `Tally`."""
-    largest, run, _, _, _, at_largest, just_below, others, changed, *_ = row.tolist()
-    if run < SATURATION_RUN or at_largest <= just_below:
-        return False
-    return largest > SATURATION_RATIO * usual or (run >= HELD_RUN and changed > CHANGING * others)
-
-
-def _crowded(crowds: np.ndarray) -> np.ndarray:
-    """Whether the largest rates lie close together, shape (2, 3); ``crowds`` as in `Tally`."""
-    _, near, below, times, reached, inside = np.moveaxis(crowds, -1, 0)
-    often = (times >= CROWDED_TIMES) & (near >= CROWDED_RUN * times)
-    abrupt = reached * (near - times) >= CROWDED_STEP * inside * times
-    return np.asarray(often & abrupt & (near > CROWDED * below))
 
 
 def _is_identity(q_nb: np.ndarray | None, body_axes: str) -> bool:
