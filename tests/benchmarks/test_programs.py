@@ -19,6 +19,8 @@ PROGRAMS = sorted(
 @pytest.mark.parametrize("name", [name for name in PROGRAMS if name != "hse_paper"])
 def test_help(name, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", [f"{name}.py", "--help"])
+    # Other tests may have imported it, which runpy would warn of
+    monkeypatch.delitem(sys.modules, f"benchmarks.{name}", raising=False)
     with pytest.raises(SystemExit) as ended:
         runpy.run_module(f"benchmarks.{name}", run_name="__main__")
     assert ended.value.code == 0

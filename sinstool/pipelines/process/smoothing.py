@@ -34,13 +34,13 @@ from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.compass import MagneticHeading
 from sinstool.pipelines.process.epoch_judge import EpochJudge
-from sinstool.pipelines.process.missed_finding import missed_finding
 from sinstool.pipelines.process.smoothing_findings import (
     denied_motion_finding,
     diverged_finding,
     even_turn_finding,
     gyro_at_stop_finding,
     long_turns_finding,
+    missed_finding,
     no_rest_finding,
     steady_rate_finding,
     uncertain_tilt_finding,
