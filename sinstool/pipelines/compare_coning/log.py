@@ -6,7 +6,7 @@ it, and windows of all of them are compared.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from sinstool.pipelines.compare_coning.compare import (
 )
 from sinstool.pipelines.compare_coning.divergence import IN_DEG_H
 from sinstool.pipelines.compare_coning.runs import Attitudes, Segment
+from sinstool.survey.imu import Survey
 from sinstool.survey.source import Source, nominal_interval, prepare, rate_blocks
 
 # Fewer than these in every stretch, and nothing can be said of frequencies
@@ -146,16 +147,42 @@ def compare_log(
         comparison = compare(stretches, kind, interval, settings, truth, progress)
     except ValueError as exc:
         raise DataError(path, str(exc), "choose a longer span with --start and --end") from exc
-    if limits is not None and limits.status == "noise-limited":
-        verdict = comparison.verdict
-        text = (
-            f"{verdict.text}. Most of the log is as noise is, up to half its rate, so this holds"
-            " only for rest; if it is vibration, it is sampled too slowly for any algorithm"
-        )
-        comparison = replace(comparison, verdict=replace(verdict, text=text))
-    survey = source.survey
+    lost = tuple(map(str, log.lost))
+    findings = [*source.findings, *comparison.findings]
+    findings += [Finding("lost-part", f"lost: {part}", Severity.LOST) for part in lost]
+    findings += _limits_of(comparison, config, stretches, interval)
+    return LogComparison(
+        path,
+        source.imu_topic.topic,
+        config.input.sample_kind,
+        _with_caution(comparison, limits),
+        coning_spectrum(longest, interval, kind) if long_enough else None,
+        bands.passband,
+        bands.stopband,
+        tuning,
+        limits,
+        options.truth or "",
+        _checks(comparison, source.survey),
+        tuple(findings),
+        lost,
+    )
+
+
+def _with_caution(comparison: Comparison, limits: SpBounds | None) -> Comparison:
+    """The same, with what its verdict holds for if most of the log is as noise is."""
+    if limits is None or limits.status != "noise-limited":
+        return comparison
+    verdict = comparison.verdict
+    text = (
+        f"{verdict.text}. Most of the log is as noise is, up to half its rate, so this holds"
+        " only for rest; if it is vibration, it is sampled too slowly for any algorithm"
+    )
+    return replace(comparison, verdict=replace(verdict, text=text))
+
+
+def _checks(comparison: Comparison, survey: Survey) -> Checks:
     low, high = survey.interval_range_ns
-    checks = Checks(
+    return Checks(
         comparison.rate_hz,
         comparison.segments,
         (low / SECOND, high / SECOND),
@@ -165,44 +192,34 @@ def compare_log(
         survey.order.duplicates,
         float(np.degrees(np.max(survey.gyro_max))),
     )
-    lost = tuple(map(str, log.lost))
-    findings = [*source.findings, *comparison.findings]
-    findings += [Finding("lost-part", f"lost: {part}", Severity.LOST) for part in lost]
-    if comparison.duration_s < options.window:
+
+
+def _limits_of(
+    comparison: Comparison, config: ProcessConfig, stretches: Sequence[Segment], interval: float
+) -> Iterator[Finding]:
+    """What this log, by its length and rate, cannot show."""
+    window = config.comparison.window
+    if comparison.duration_s < window:
         text = (
             f"the log holds {comparison.duration_s:.3g} s, less than one window of"
-            f" {options.window:g} s, so drift is measured over all of it"
+            f" {window:g} s, so drift is measured over all of it"
         )
-        findings.append(Finding("short-log", text, answer="choose a shorter --window"))
-    if not long_enough:
+        yield Finding("short-log", text, answer="choose a shorter --window")
+    longest = max(map(len, stretches))
+    if longest < MIN_SPECTRUM:
         text = f"no stretch holds {MIN_SPECTRUM} samples: no spectrum and no predicted drift"
-        findings.append(Finding("no-spectrum", text))
+        yield Finding("no-spectrum", text)
     elif len(stretches) > 1:
         text = (
             "the spectrum and the predicted drift come from the longest stretch only"
-            f" ({in_seconds(len(longest) * interval)})"
+            f" ({in_seconds(longest * interval)})"
         )
-        findings.append(Finding("longest-stretch", text))
-    if bands.stopband is None:
+        yield Finding("longest-stretch", text)
+    if config.coning.stopband is None:
         text = "pseudo-coning cannot be told from coning without --stopband"
-        findings.append(Finding("no-stopband", text, Severity.NOTE))
+        yield Finding("no-stopband", text, Severity.NOTE)
     text = f"the log shows nothing above half its sampling rate ({0.5 / interval:.4g} Hz)"
-    findings.append(Finding("sampling-limit", text, Severity.NOTE))
-    return LogComparison(
-        path,
-        source.imu_topic.topic,
-        config.input.sample_kind,
-        comparison,
-        coning_spectrum(longest, interval, kind) if long_enough else None,
-        bands.passband,
-        bands.stopband,
-        tuning,
-        limits,
-        options.truth or "",
-        checks,
-        tuple(findings),
-        lost,
-    )
+    yield Finding("sampling-limit", text, Severity.NOTE)
 
 
 def _reference(options: ComparisonOptions) -> str:
