@@ -198,7 +198,11 @@ def columns_of(log: Path, topic: str, paths: dict[str, list[str]], widths: dict[
 
 
 def read_back(out: Path, truth: Motion) -> Answer:
-    """The written odometry and fixes against the truth."""
+    """The written odometry and fixes against the truth.
+
+    A message has the velocity in the body's axes, and its covariance allows for how uncertain these
+    are: the error is that in the body's axes, too, turned as the message's attitude has them.
+    """
     place = {"place": ["latitude", "longitude", "altitude"]}
     seconds, fix = columns_of(out, "/sinstool/fix", place, {})
     paths = {
@@ -217,6 +221,8 @@ def read_back(out: Path, truth: Motion) -> Answer:
     sigma = np.sqrt(np.hstack([variance[:, [1, 0, 2]] for variance in enu]))
     latitude, longitude, height = fix["place"].T
     error = truth.errors_of(seconds, latitude * DEGREE, longitude * DEGREE, height, velocity, c_nb)
+    turned = Rotation.from_rotvec(error[:, 6:9])
+    error[:, 3:6] = turned.inv().apply(velocity + error[:, 3:6]) - velocity
     return Answer(seconds, error, sigma)
 
 

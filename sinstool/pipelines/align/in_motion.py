@@ -421,8 +421,6 @@ def sensor_errors(
         velocity_random_walk=max(velocity, walks[1]) if options.vrw is None else velocity,
     )
     aligned = without(as_if_aligned(used), "drift")
-    if config.filter.sigma_misalignment is None:
-        return aligned
     return replace(aligned, gyro_misalignment=used.gyro_misalignment)
 
 
