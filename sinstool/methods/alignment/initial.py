@@ -122,19 +122,43 @@ def tilted(
         After one update with both horizontal components: at rest these are zero, and
         ``f_N = g psi_E`` up to sign where an attitude is wrong.
     """
+    measured, noise = _off_gravity(q_nb, specific_force_b, accel_bias)
+    h = np.eye(2, 3)
+    gain = covariance @ h.T @ np.linalg.inv(h @ covariance @ h.T + noise**2 * np.eye(2))
+    keep = np.eye(3) - gain @ h
+    better = keep @ covariance @ keep.T + noise**2 * gain @ gain.T
+    return multiply(exp(-(gain @ measured)), q_nb), better
+
+
+def off_level(
+    q_nb: np.ndarray, covariance: np.ndarray, specific_force_b: np.ndarray, accel_bias: float
+) -> float:
+    """By how many sigmas an attitude denies that a mean specific force is gravity alone.
+
+    Parameters
+    ----------
+    q_nb, covariance, specific_force_b, accel_bias
+        See :func:`tilted`.
+
+    Returns
+    -------
+    float
+        Of both horizontal components together: the root of what has a chi-square distribution of
+        two degrees of freedom if the vehicle rests.
+    """
+    measured, noise = _off_gravity(q_nb, specific_force_b, accel_bias)
+    expected = covariance[:2, :2] + noise**2 * np.eye(2)
+    return float(np.sqrt(measured @ np.linalg.solve(expected, measured)))
+
+
+def _off_gravity(
+    q_nb: np.ndarray, specific_force_b: np.ndarray, accel_bias: float
+) -> tuple[np.ndarray, float]:
+    """psi_N and psi_E by a specific force at rest, shape (2,), and their sigma, rad."""
     size = float(np.linalg.norm(specific_force_b))
     seen = rotate(q_nb, specific_force_b) / size
     # -e_d turned by psi: (-psi_E, psi_N, -1).
-    measured = np.array([seen[1], -seen[0]])
-    h = np.eye(2, 3)
-    gain = (
-        covariance
-        @ h.T
-        @ np.linalg.inv(h @ covariance @ h.T + (accel_bias / size) ** 2 * np.eye(2))
-    )
-    keep = np.eye(3) - gain @ h
-    better = keep @ covariance @ keep.T + (accel_bias / size) ** 2 * gain @ gain.T
-    return multiply(exp(-(gain @ measured)), q_nb), better
+    return np.array([seen[1], -seen[0]]), accel_bias / size
 
 
 def shown_tilt_error(span: StillSpan) -> float:

@@ -145,7 +145,11 @@ def candidates(
     if (imu.time_ns[-1] - origin) * 1e-9 < preparation.MIN_SPAN_S - 1.0 or len(inside) < 3:
         reasons.append(f"{where}: too short, or without fixes")
         return []
-    rows = _as_received(imu, inside).at_antenna(settings.lever_arm_b)
+    rows, followed = _as_received(imu, inside)
+    if not followed.all() and _long_enough(rows.time_s[followed]):
+        # How the vehicle moved in the rest of their windows no IMU shows
+        rows, inside = rows.rows(followed), inside.rows(followed)
+    rows = rows.at_antenna(settings.lever_arm_b)
     motion = gate.dynamics(imu, settings.limits.smooth)
     restless = np.cumsum(~motion.within(settings.limits).all(axis=0), dtype=np.int64)
     sample = np.searchsorted(imu.time_ns, inside.time_ns)
@@ -178,8 +182,20 @@ def candidates(
     return segments
 
 
-def _as_received(imu: ImuIncrements, fixes: GnssFixes) -> InertialRows:
-    """The inertial side at fixes, whose velocities follow the motion as `fixes` says."""
+def _long_enough(time_s: FloatArray) -> bool:
+    return len(time_s) >= 3 and float(time_s[-1] - time_s[0]) >= preparation.MIN_SPAN_S
+
+
+def _as_received(imu: ImuIncrements, fixes: GnssFixes) -> tuple[InertialRows, BoolArray]:
+    """The inertial side at fixes, whose velocities follow the motion as `fixes` says.
+
+    Returns
+    -------
+    rows : InertialRows
+    followed : ndarray of bool, shape (m,)
+        Where the samples cover all of the time over which a velocity is a mean. Elsewhere a row is
+        that of the fix itself.
+    """
     origin_ns, asked_ns = int(imu.time_ns[0]), fixes.time_ns
     if fixes.derived_s is not None:
         every = max(round(GRID_S * 1e9 / float(median(np.diff(imu.time_ns)))), 1)
@@ -193,12 +209,12 @@ def _as_received(imu: ImuIncrements, fixes: GnssFixes) -> InertialRows:
     rate_b = np.column_stack([np.interp(rows.time_s, seconds, column) for column in rates.T])
     rows = replace(rows, swing=to_dcm(rows.q) @ skew(rate_b))
     if fixes.derived_s is None:
-        return rows
+        return rows, np.ones(len(rows), dtype=np.bool_)
     values = np.concatenate([made.xi, to_dcm(made.q).reshape(-1, 9)], axis=1)
     slope, whole = slopes(made.time_s, values, rows.time_s, fixes.derived_s)
     alpha = np.where(whole[:, None], slope[:, :3], rows.alpha)
     swing = np.where(whole[:, None, None], slope[:, 3:].reshape(-1, 3, 3), rows.swing)
-    return replace(rows, alpha=alpha, swing=swing)
+    return replace(rows, alpha=alpha, swing=swing), whole
 
 
 def _bounds(

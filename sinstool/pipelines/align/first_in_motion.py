@@ -16,7 +16,8 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment import initial
-from sinstool.methods.alignment.initial import Alignment, tilted
+from sinstool.methods.alignment.initial import Alignment, off_level, tilted
+from sinstool.methods.alignment.still import StillSpan
 from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.receiver_ahead import RECEIVER_CLOCK
@@ -27,6 +28,8 @@ from sinstool.survey.source import Source, rate_blocks
 if TYPE_CHECKING:
     from sinstool.methods.alignment.in_motion import MotionAlignment
 
+# An attitude found in motion denies a rest by more sigmas than this.
+MOST_OFF_LEVEL = 5.0
 # A filter is linear in its errors: with a larger sigma of the attitude it starts later.
 FILTER_SIGMA = 10.0 * DEGREE
 # A filter that starts within this time of a fix, s, starts at it.
@@ -129,14 +132,18 @@ def _from_motion(
     result = moving.result
     begin_ns = source.survey.first_ns if time_ns is None else time_ns
     limit = np.inf if time_ns is None else FILTER_SIGMA
-    reached = _carried_back(moving, source, config, begin_ns, limit)
     still = source.survey.lead_in
+    reached = _carried_back(moving, source, config, begin_ns, limit, still)
+    if reached is None:
+        still = None
+        reached = _carried_back(moving, source, config, begin_ns, limit, still)
+    assert reached is not None
     rests = still is not None and reached[0] <= still.end_ns
     if later_ns is not None and not rests:
         far = (np.abs(later_ns - reached[0]) > AT_FIX_S * SECOND).all()
         after = later_ns[(later_ns >= result.t_ns) & (later_ns <= result.t_stop_ns)]
         if far and len(after):
-            reached = _carried_back(moving, source, config, int(after[0]), limit)
+            reached = _carried_back(moving, source, config, int(after[0]), limit, None) or reached
     time_ns, q_nb, covariance = reached
     time_ns, q_nb = _at_sample(source, config, time_ns, q_nb, moving.refined_bias)
     bias, source_of_bias = moving.gyro_bias, "rest" if moving.gyro_bias.any() else "none"
@@ -182,16 +189,32 @@ def _at_sample(
 
 
 def _carried_back(
-    moving: MotionAlignment, source: Source, config: ProcessConfig, time_ns: int, most_sigma: float
-) -> tuple[int, np.ndarray, np.ndarray]:
+    moving: MotionAlignment,
+    source: Source,
+    config: ProcessConfig,
+    time_ns: int,
+    most_sigma: float,
+    still: StillSpan | None,
+) -> tuple[int, np.ndarray, np.ndarray] | None:
     """Attitude and covariance at a time, or at the original time if that cannot be reached.
 
     It cannot if the IMU has a gap in between, or if the sigma, rad, would exceed the limit.
 
     A vehicle that rests at the beginning keeps its attitude through the rest; through motion the
     gyros carry it back, and the sigma grows by their biases.
+
+    Parameters
+    ----------
+    still : StillSpan or None
+        The rest at the beginning.
+
+    Returns
+    -------
+    (int, ndarray, ndarray) or None
+        None if the attitude denies the rest: a car that brakes evenly for a second or two looks at
+        rest to its IMU, and fixes seldom tell.
     """
-    result, still = moving.result, source.survey.lead_in
+    result = moving.result
     resting = still is not None and time_ns <= still.end_ns
     begin = still.end_ns if still is not None and resting else time_ns
     if result.t_ns <= begin:
@@ -207,7 +230,10 @@ def _carried_back(
     if np.sqrt(np.diag(covariance).max()) > most_sigma:
         return result.t_ns, result.q_nb, result.cov
     if still is not None and resting:
-        q_nb, covariance = tilted(q_nb, covariance, still.accel, moving.settings.grade.accel_bias)
+        accel_bias = moving.settings.grade.accel_bias
+        if off_level(q_nb, covariance, still.accel, accel_bias) > MOST_OFF_LEVEL:
+            return None
+        q_nb, covariance = tilted(q_nb, covariance, still.accel, accel_bias)
     return time_ns, q_nb, covariance
 
 

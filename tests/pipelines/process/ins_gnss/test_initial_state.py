@@ -113,6 +113,12 @@ def part(data, samples_from, fixes_from):
     )
 
 
+def error_of(start, truth):
+    """Position (m), velocity (m/s) and attitude (rad) of a start, NED, shape (9,)."""
+    nav, seconds = start.start.nav, np.array([(start.time_ns - T0) * 1e-9])
+    return truth.errors_of(seconds, *nav[:3, None], nav[None, 3:6], to_dcm(nav[None, 6:10]))[0]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("every", [1, 8], ids=["200 Hz", "25 Hz"])
 @pytest.mark.parametrize("fixes_from", [145.0, 151.5])
@@ -127,12 +133,24 @@ def test_the_attitude_is_that_of_the_sample_at_which_the_filter_starts(tmp_path,
         start = start_of(
             log, gnss={"lever_arm": tuple(LEVER.tolist())}, input={"gyro_kind": "mean-rate"}
         )
-        seconds = np.array([(start.time_ns - T0) * 1e-9])
-        nav = start.start.nav
-        error = truth.errors_of(seconds, *nav[:3, None], nav[None, 3:6], to_dcm(nav[None, 6:10]))
-        errors.append(error[0, 6:] / DEGREE)
+        errors.append(error_of(start, truth)[6:] / DEGREE)
     worst = np.abs(errors).max(axis=0)
     assert np.all(worst[:2] < 0.04) and worst[2] < 0.2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "begins"), [(1, 45.2), (7, 51.5)])
+def test_a_log_that_begins_while_a_car_brakes_evenly_does_not_begin_at_rest(tmp_path, seed, begins):
+    """To its IMU it stands for a second: tilts were off by up to 5.7 deg, a thousand sigmas."""
+    truth = drive(seed, 300.0, rest=10.0)
+    data = part(record(truth, GRADES["tactical"], seed), begins, begins - 5.0)
+    log = write(tmp_path / "log.mcap", data)
+    start = start_of(
+        log, gnss={"lever_arm": tuple(LEVER.tolist())}, input={"gyro_kind": "mean-rate"}
+    )
+    off = error_of(start, truth)
+    assert np.all(np.abs(off[6:]) < 4.0 * np.sqrt(np.diag(start.start.covariance_attitude_n)))
+    assert np.all(np.abs(off[3:6]) < 4.0 * np.sqrt(np.diag(start.start.covariance_velocity_n)))
 
 
 @pytest.mark.slow
@@ -146,8 +164,6 @@ def test_gyros_that_lean_in_turns_are_in_the_sigmas_of_a_start_in_motion(tmp_pat
         start = start_of(
             log, gnss={"lever_arm": tuple(LEVER.tolist())}, input={"gyro_kind": "mean-rate"}
         )
-        seconds = np.array([(start.time_ns - T0) * 1e-9])
-        nav = start.start.nav
-        error = truth.errors_of(seconds, *nav[:3, None], nav[None, 3:6], to_dcm(nav[None, 6:10]))
-        ratios.append(error[0, 6:8] / np.sqrt(np.diag(start.start.covariance_attitude_n))[:2])
+        sigma = np.sqrt(np.diag(start.start.covariance_attitude_n))
+        ratios.append(error_of(start, truth)[6:8] / sigma[:2])
     assert 0.3 < np.sqrt(np.mean(np.square(ratios))) < 1.3
