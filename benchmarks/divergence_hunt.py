@@ -16,6 +16,8 @@ helicopters. With --errors logs also have some of those of tests/helpers/unseen_
 are not square, biases that follow specific force or temperature, vibration, 16 bits, lost samples,
 stamps by receipt, clocks that drift, any mounting, fixes that wander or say nothing of their noise.
 With --options each log gets one more of the options of `wrong_options.py`, most of which are wrong.
+With --midway logs begin somewhere in the motion, their fixes a few seconds before the samples or
+after.
 
 python benchmarks/divergence_hunt.py --logs 500 --jobs 2
 python benchmarks/divergence_hunt.py --logs 500 --jobs 2 --keep hunt.jsonl
@@ -23,6 +25,7 @@ python benchmarks/divergence_hunt.py --only 17
 python benchmarks/divergence_hunt.py --right --logs 100
 python benchmarks/divergence_hunt.py --errors --right --logs 100
 python benchmarks/divergence_hunt.py --errors --right --options --logs 100
+python benchmarks/divergence_hunt.py --errors --right --midway --logs 100
 python benchmarks/divergence_hunt.py --others motorcycle train tractor glider helicopter --logs 100
 """
 
@@ -198,6 +201,13 @@ def faulty(random: np.random.Generator, data: Record) -> tuple[list[str], Record
     return texts, data
 
 
+def begun(random: np.random.Generator, data: Record) -> tuple[str, Record]:
+    """A record from somewhere in the motion on."""
+    samples, fixes = random.uniform(30.0, 120.0), random.uniform(-10.0, 10.0)
+    data = without_fixes(without_samples(data, -1.0, samples + 1.0), [(0.0, samples + fixes)])
+    return f"begun at {samples:.1f} s, fixes {fixes:+.1f} s", data
+
+
 def mounted(random: np.random.Generator, truth: Motion) -> tuple[list[str], Motion, np.ndarray]:
     """An IMU that is mounted any way, and the antenna's place in its axes."""
     if random.random() < 0.6:
@@ -292,6 +302,7 @@ def hunted(
     others: Sequence[str] = (),
     errors: bool = False,
     options: bool = False,
+    midway: bool = False,
 ) -> Outcome:
     """One log through the command, with random options, or without those that may be wrong."""
     random = np.random.default_rng([seed, 77])
@@ -308,6 +319,9 @@ def hunted(
         texts = [*texts, *at, *more]
         known = ["--lever-arm", ",".join(f"{x:.4f}" for x in lever)]
         words = words if "--lever-arm" in words else [*words, *known]
+    if midway:
+        text, data = begun(np.random.default_rng([seed, 80]), data)
+        texts = [*texts, text]
     if options:
         words = [*words, *with_gnss(np.random.default_rng([seed, 79]), truth.c_nb[0])]
     what = "; ".join([moving, grade, heard, *texts, " ".join(words)])
@@ -353,6 +367,7 @@ def main() -> None:
     options.add_argument("--right", action="store_true", help="no options that are wrong")
     options.add_argument("--errors", action="store_true", help="of other instruments, too")
     options.add_argument("--options", action="store_true", help="one more option for each log")
+    options.add_argument("--midway", action="store_true", help="logs begin in motion")
     options.add_argument("--only", type=int, help="this seed alone")
     options.add_argument("--others", nargs="*", choices=OTHERS, help="vehicles of other kinds")
     options.add_argument("--keep", type=Path, metavar="FILE", help="JSON lines to go on from")
@@ -360,7 +375,7 @@ def main() -> None:
     others = () if args.others is None else args.others or USUAL_OTHERS
     seeds = range(args.first, args.first + args.logs) if args.only is None else [args.only]
     kinds = {"right": args.right, "others": [*others], "errors": args.errors}
-    kinds["options"] = args.options
+    kinds |= {"options": args.options, "midway": args.midway}
     work: Callable[[int], Outcome] = partial(hunted, **kinds)
     if args.keep is not None:
         work = partial(kept, work, args.keep, kinds)

@@ -1,6 +1,6 @@
 """What a filter starts from."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +24,8 @@ from tests.helpers.unseen_drives import (
     multicopter,
     record,
     straight_flight,
+    without_fixes,
+    without_samples,
     write,
 )
 from tests.helpers.unseen_errors import slower
@@ -97,20 +99,7 @@ def test_the_first_velocity_by_positions_is_that_of_the_imu(tmp_path, seed, rate
 
 def part(data, samples_from, fixes_from):
     """The same recording, begun later."""
-    kept, fixes = data.seconds > samples_from, data.fixes
-    rows = fixes.seconds > fixes_from
-    columns = {
-        field.name: value[rows]
-        for field in fields(fixes)
-        if isinstance(value := getattr(fixes, field.name), np.ndarray) and len(value) == len(rows)
-    }
-    return replace(
-        data,
-        seconds=data.seconds[kept],
-        gyro=data.gyro[kept],
-        accel=data.accel[kept],
-        fixes=replace(fixes, **columns),
-    )
+    return without_fixes(without_samples(data, -1.0, samples_from + 1.0), [(0.0, fixes_from)])
 
 
 def error_of(start, truth):
