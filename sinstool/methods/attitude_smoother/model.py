@@ -169,6 +169,9 @@ POOR_ACCEL_BIAS = 0.2
 # Telephones and drivers remove the bias of gyros, but not that of accelerometers. With this
 # probability accelerometers are uncalibrated though the gyros beside them have hardly a bias.
 ONLY_GYROS = 0.1
+# Of calibrated accelerometers, the share that time, temperature and stress have moved to the bias
+# of their grade; the others have that of a new calibration, with which a filter works.
+AGED, AGED_ACCEL_BIAS = 0.5, IMU_GRADES["mems"].accel_bias
 # If it is this probable that gyros are uncalibrated, their bias is taken to change as the sensor
 # warms up, by 0.03 deg/s for each kelvin as data sheets say: rad/s/sqrt(s) and rad/s^2.
 SURE, WARMING_WALK, WARMING_DRIFT = 0.95, 5e-5, 2e-5
@@ -192,12 +195,26 @@ def accel_uncalibrated(gyro_bias: FloatArray | None, off: float) -> float:
     return odds / (1.0 + odds)
 
 
-def poor_accel_bias(gyro_bias: FloatArray | None, off: float) -> float:
-    """One sigma of an axis, m/s^2, that a lack of calibration adds to accelerometer biases.
+def likely_accel_bias(gyro_bias: FloatArray | None, off: float) -> float:
+    """Root mean square bias of an axis of low-cost accelerometers, m/s^2.
 
-    See :func:`accel_uncalibrated`.
+    Over new calibrations, older ones, and none, by how likely each is with what is known; see
+    :func:`accel_uncalibrated` for the parameters.
     """
-    return POOR_ACCEL_BIAS * sqrt(accel_uncalibrated(gyro_bias, off))
+    gyros = 0.0 if gyro_bias is None else uncalibrated(gyro_bias)
+    poor = gyros + (1.0 - gyros) * ONLY_GYROS
+    kinds = (
+        ((1.0 - poor) * (1.0 - AGED), _MEMS.accel_bias),
+        ((1.0 - poor) * AGED, AGED_ACCEL_BIAS),
+        (poor, POOR_ACCEL_BIAS),
+    )
+    # relative to the widest, so that no likelihood is lost below the smallest number
+    odds = [
+        share / sigma * exp(-0.5 * off**2 * (sigma**-2 - POOR_ACCEL_BIAS**-2))
+        for share, sigma in kinds
+    ]
+    square = sum(one * sigma**2 for one, (_, sigma) in zip(odds, kinds, strict=True)) / sum(odds)
+    return sqrt(square)
 
 
 def as_calibrated(sensors: SensorModel, gyro_bias: FloatArray) -> SensorModel:

@@ -25,7 +25,7 @@ from sinstool.methods.attitude_smoother.model import (
     MotionModel,
     SensorModel,
     as_calibrated,
-    poor_accel_bias,
+    likely_accel_bias,
 )
 from sinstool.methods.attitude_smoother.start import NO_KINDS, Prior, first_state, parameters
 from sinstool.methods.sensor_errors import CALIBRATED
@@ -120,7 +120,7 @@ def smooth(
     poor = 0.0
     if sensors.bias_removed is not None and sensors.accel_bias:
         off = gravity_off(_gravity_shown(epochs, smoothed), prior.gravity)
-        poor = poor_accel_bias(gyro_bias, off)
+        poor = likely_accel_bias(gyro_bias, off)
     if motion.finds_bias:
         shown = covariance[-1, BIASES]
         left = _of_poor(shown, result.accel_bias, poor)

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from sinstool.core.units import DEGREE
+from sinstool.methods.sensor_errors import IMU_GRADES
 from tests.helpers import unseen_drives
 from tests.helpers.imulogs import G, even_times, imu_log
 from tests.helpers.unseen_vehicles import glider, motorcycle
@@ -163,6 +164,21 @@ def test_a_telephone_on_a_table(tmp_path, seed):
     _, off, covariance = smoothed(tmp_path, log)
     assert np.degrees(np.abs(off)).max() > 1.0
     assert over_sigma(off, covariance) < 2.5
+
+
+def test_a_calibration_of_some_time_ago(tmp_path):
+    """At rest, accelerometers have the bias of their grade, 10 mg: tilts were off by 2.5 sigmas."""
+    n, ratios = 20 * round(RATE), []
+    for seed in range(10):
+        random = np.random.default_rng(seed)
+        mount = Rotation.random(rng=random)
+        bias = IMU_GRADES["mems"].accel_bias * random.standard_normal(3)
+        accel = mount.inv().apply([0.0, 0.0, G]) + bias + 0.02 * random.standard_normal((n, 3))
+        gyro = 1e-3 * random.standard_normal((n, 3))
+        log = Hand(even_times(n, RATE), gyro, accel, Rotation.concatenate([mount] * n))
+        _, off, covariance = smoothed(tmp_path, log, output={"overwrite": True})
+        ratios.append(over_sigma(off, covariance))
+    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.6
 
 
 @pytest.mark.parametrize("seed", range(3))
