@@ -6,7 +6,7 @@ eq. (14) of the paper of :mod:`sinstool.methods.hse` is lambda2 = -3 X33: the er
 in heading also turn up in this rate, where they are far easier to measure.
 
 So does a bias of the gyros that drifts as they warm up, where the rates rise from run to run. The
-turns of each run show such a drift, and what it adds from run to run is then part of the sigma.
+turns of each run show such a drift: :mod:`sinstool.methods.hse.bias_walk`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from scipy import special
 
 from sinstool.core.arrays import FloatArray
 from sinstool.core.earth import EARTH_RATE
+from sinstool.methods.hse.bias_walk import fit_walking_bias
 from sinstool.methods.hse.least_squares import least_squares
 from sinstool.methods.hse.run import HseRun
 from sinstool.methods.hse.statistics import TREND_P
@@ -80,9 +81,9 @@ def earth_rate_along_axis(run: HseRun) -> float:
 def fit_axial(runs: Sequence[HseRun], weighted: bool) -> AxialFit:
     """Fit the error of the rate along the axis as ``c (Omega + u) + bias``.
 
-    The gyro's bias along the axis is estimated where the rates allow; otherwise it acts as a
-    scale error of ``bias/Omega``. A drift of it that the turns show widens the sigmas by what it
-    changes.
+    The gyro's bias along the axis is estimated where the rates allow, as one that may change from
+    run to run where the turns show how much; otherwise it acts as a scale error of ``bias/Omega``.
+    Without weights, a drift of it that the turns show widens the sigmas by what it changes.
 
     Parameters
     ----------
@@ -100,15 +101,20 @@ def fit_axial(runs: Sequence[HseRun], weighted: bool) -> AxialFit:
     design = np.stack(columns, axis=1)
     sigmas = sigma_c * np.abs(rate) if weighable else None
     fit = least_squares(design, c * rate, sigmas, DISBELIEF)
-    sigma = np.sqrt(np.diag(fit.covariance))
+    estimate, sigma = fit.estimate, np.sqrt(np.diag(fit.covariance))
     drifted = drift_of_bias(runs)
-    if drifted.any():
+    walking = None
+    if sigmas is not None and distinct:
+        walking = fit_walking_bias(runs, design, c * rate, sigmas)
+    if walking is not None:
+        estimate, sigma = walking[0], np.sqrt(np.diag(walking[1]))
+    elif drifted.any():
         without = least_squares(design, c * rate - drifted, sigmas, DISBELIEF)
         sigma = np.hypot(sigma, without.estimate - fit.estimate)
     return AxialFit(
-        c=float(fit.estimate[0]),
+        c=float(estimate[0]),
         sigma_c=float(sigma[0]),
-        bias=float(fit.estimate[1]) if distinct else None,
+        bias=float(estimate[1]) if distinct else None,
         sigma_bias=float(sigma[1]) if distinct else None,
         quantile=fit.quantile,
         drift=float(np.ptp(drifted)),

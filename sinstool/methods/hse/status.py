@@ -276,8 +276,9 @@ def _remarks(result: HseFit) -> Iterator[Finding]:
         yield _finding(
             "ok",
             "the rate along the axis drifts, as gyros that warm up do, by"
-            f" {axial.drift / ARCSEC:.2g} deg/h within a log; the sigmas of lambda2, from it"
-            f" {axial.sigma_lambda2 / ARCSEC:.2g} arcsec, include what that may have added",
+            f" {axial.drift / ARCSEC:.2g} deg/h within a log; lambda2 from it, known to"
+            f" {axial.sigma_lambda2 / ARCSEC:.2g} arcsec, allows for that, and the sigmas from"
+            " headings include what it may have added",
             "let the gyros warm up, or take the rates in another order in each log",
         )
     if result.chi2 is not None and result.dof >= LEAST_DOF:

@@ -227,7 +227,7 @@ def warming(runs, rate_s=1e-10, decay_s=2000.0):
     return out
 
 
-def test_a_bias_that_drifts_while_the_rates_rise_is_in_the_sigma():
+def test_a_bias_that_drifts_while_the_rates_rise_is_taken_off():
     """It was 13 sigma off, without a word."""
     runs = brute_runs(np.repeat(RATES, 2))
     clean, found = (
@@ -235,8 +235,10 @@ def test_a_bias_that_drifts_while_the_rates_rise_is_in_the_sigma():
     )
     assert clean.drift == 0.0
     assert found.drift == pytest.approx(1e-10 * 2000.0 * (np.exp(-0.15) - np.exp(-1.65)), rel=0.05)
-    off = abs(found.lambda2 - TRUE)
-    assert off > 10.0 * clean.sigma_lambda2
+    blind = [replace(run, quality={}) for run in noisy(warming(runs), np.random.default_rng(3))]
+    missed, off = (abs(one.lambda2 - TRUE) for one in (fit_axial(blind, True), found))
+    assert missed > 10.0 * clean.sigma_lambda2
+    assert off < 0.5 * missed
     assert off < 2.0 * found.sigma_lambda2
     # less so where the next log takes the rates downwards
     half = len(runs) // 2
@@ -244,7 +246,7 @@ def test_a_bias_that_drifts_while_the_rates_rise_is_in_the_sigma():
         replace(run, source=f"{k // half}.mcap", t_start_s=600.0 * (k % half))
         for k, run in enumerate(brute_runs(np.concatenate([RATES, RATES[::-1]])))
     ]
-    assert fit_axial(warming(both), True).sigma_lambda2 < 0.5 * found.sigma_lambda2
+    assert fit_axial(warming(both), True).sigma_lambda2 < 0.8 * found.sigma_lambda2
 
 
 @pytest.mark.parametrize("form", ["regressor", "paper"])
