@@ -6,10 +6,10 @@ in another order, and the slopes of the rate within each run, which an error in 
 have. Both enter here: the mean rate and the slope of each run are linear functionals of the bias,
 beside their own noise, so that the error of scale is a generalised least-squares estimate.
 
-The bias is constant, or a random walk, or has a drift of its own in each log, as gyros do that warm
-up; by how much is unknown. The restricted likelihood (restricted, as the parameters are unknown,
-too) is computed for each of these and for several sizes, and the estimates are averaged with it as
-weight, so that a change that the runs do not exclude is part of the sigma.
+The bias is constant, or a random walk, or has a drift of its own in each log, even or not quite, as
+gyros have that warm up; by how much is unknown. The restricted likelihood (restricted, as the
+parameters are unknown, too) is computed for each of these and for several sizes, and the estimates
+are averaged with it as weight, so that a change that the runs do not exclude is part of the sigma.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from sinstool.methods.hse.run import HseRun
 # constant bias is before any run is seen; all sizes of a walk and of a drift are as likely
 _RATIOS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
 _CONSTANT = 0.2
+# Warming up is no straight line: a third kind is one that walks by this share of its variance too
+_BENT = 0.1
 # Nothing is known of the time between logs without stamps, and a bias does not walk for ever, s
 _BETWEEN_LOGS_S = 3600.0
 _STEPS = 40  # of a run
@@ -76,7 +78,8 @@ def fit_walking_bias(
     unit = float(median(sigma**2))
     walk = 3.0 / length * _covariance_of_walk(runs, known)
     line = _covariance_of_lines(runs, known) / length**2
-    changes = [ratio**2 * unit * kind for kind in (walk, line) for ratio in _RATIOS]
+    kinds = (walk, line, line + _BENT * walk)
+    changes = [ratio**2 * unit * kind for kind in kinds for ratio in _RATIOS]
     found = [_generalised(rows, observed, np.diag(white) + one) for one in (0.0, *changes)]
     likelihood = np.array([one[2] for one in found])
     weights = np.exp(likelihood - likelihood.max())
