@@ -227,10 +227,11 @@ def log_odds_uncalibrated(gyro_bias: FloatArray) -> float:
     Parameters
     ----------
     gyro_bias : ndarray, shape (3,)
-        That is found, rad/s.
+        That is found, rad/s; NaN for axes of which it is not known.
     """
-    more = 0.5 * float(gyro_bias @ gyro_bias) * (1.0 / CALIBRATED**2 - 1.0 / UNCALIBRATED**2)
-    return min(more, 50.0) + 3.0 * log(CALIBRATED / UNCALIBRATED)
+    known = gyro_bias[np.isfinite(gyro_bias)]
+    more = 0.5 * float(known @ known) * (1.0 / CALIBRATED**2 - 1.0 / UNCALIBRATED**2)
+    return min(more, 50.0) + len(known) * log(CALIBRATED / UNCALIBRATED)
 
 
 def uncalibrated(gyro_bias: FloatArray) -> float:

@@ -144,20 +144,31 @@ def _of_piece(
 
 
 def _turns(vertical: float, level: float, grade: Grade) -> float:
-    """Probability of a turn, 0 where it is low, by the rates about the vertical and across it.
-
-    Biases of all axes are of one size, which is that of the grade, or of a worse one: half as
-    likely each, but as likely for chips, of which nothing says that they are calibrated. The
-    Earth's rate may be among them.
-    """
-    stated = IMU_GRADES[grade].gyro_bias
-    worse = (IMU_GRADES["industrial"].gyro_bias, CALIBRATED, UNCALIBRATED)
-    square = np.array([stated, *(size for size in worse if size > stated)]) ** 2 + EARTH_RATE**2
+    """Probability of a turn, 0 where it is low, by the rates about the vertical and across it."""
+    likely, square = _sizes(grade)
     of_turn = square + TURN**2
-    likely = 0.5 ** np.arange(len(square)) if grade not in LOW_COST else np.ones(len(square))
     across = likely * np.exp(-0.5 * level**2 / square) / square
     bias = np.sum(across * np.exp(-0.5 * vertical**2 / square) / np.sqrt(square))
     turn = np.sum(across * np.exp(-0.5 * vertical**2 / of_turn) / np.sqrt(of_turn))
     both = BEFOREHAND * turn + (1.0 - BEFOREHAND) * bias
     share = float(BEFOREHAND * turn / both) if both > 0.0 else 0.0
     return share if share >= LEAST else 0.0
+
+
+def bias_density(rate: FloatArray, grade: Grade) -> float:
+    """How likely gyros of a grade have a bias, rad/s, shape (3,): a density over the biases."""
+    likely, square = _sizes(grade)
+    return float(np.sum(likely * np.exp(-0.5 * (rate @ rate) / square) / square**1.5))
+
+
+def _sizes(grade: Grade) -> tuple[FloatArray, FloatArray]:
+    """Sizes that the biases of all axes may have, how likely each is, and their variances.
+
+    That of the grade, or of a worse one: half as likely each, but as likely for chips, of which
+    nothing says that they are calibrated. The Earth's rate may be among them.
+    """
+    stated = IMU_GRADES[grade].gyro_bias
+    worse = (IMU_GRADES["industrial"].gyro_bias, CALIBRATED, UNCALIBRATED)
+    square = np.array([stated, *(size for size in worse if size > stated)]) ** 2 + EARTH_RATE**2
+    likely = (1.0 if grade in LOW_COST else 0.5) ** np.arange(len(square))
+    return np.asarray(likely, dtype=np.float64), square

@@ -325,13 +325,16 @@ def _found_bias(
 ) -> FloatArray | None:
     """Bias of gyros that may be uncalibrated, rad/s; None if calibrated, or not known.
 
-    Where it is known best, as one that wanders far is known only at a rest.
+    Where it is known best, as one that wanders far is known only at a rest; NaN for axes of which
+    it is not known even there, as where a rest may be an even turn.
     """
-    sigma = np.sqrt(covariance[:, 9:12].max(axis=1))
-    best = int(np.argmin(sigma))
-    if sensors.bias_removed is None or not sigma[best] < CALIBRATED:
+    sigma = np.sqrt(covariance[:, 9:12])
+    known = sigma < CALIBRATED
+    if sensors.bias_removed is None or not known.any():
         return None
-    return np.asarray(smoothed[best, state.B : state.B + 3] + sensors.bias_removed)
+    best = int(np.lexsort((sigma.max(axis=1), -known.sum(axis=1)))[0])
+    bias = smoothed[best, state.B : state.B + 3] + sensors.bias_removed
+    return np.asarray(np.where(known[best], bias, np.nan))
 
 
 def gravity_off(shown: float, gravity: float | None) -> float:

@@ -40,6 +40,7 @@ from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, drop_turns
 from sinstool.methods.attitude_smoother.smoother import gravity_at_rest, gravity_off
 from sinstool.methods.attitude_smoother.start import Prior
 from sinstool.methods.attitude_smoother.steady import turning, with_steady
+from sinstool.methods.attitude_smoother.two_rates import two_rates
 from sinstool.methods.sensor_errors import LOW_COST
 from sinstool.survey.grade import bias_grade, gyro_walk, largest_bias, sensor_grade
 from sinstool.survey.rest import longest_rest
@@ -66,7 +67,7 @@ class EpochJudge:
     Attributes
     ----------
     even_turn : EvenTurn
-        An even turn that what was taken for the first rest may be.
+        An even turn that what was taken for a rest, or for straight travel, may be.
     missed : list of MissedTurn
         Turns that the gyros missed.
     """
@@ -135,11 +136,34 @@ class EpochJudge:
         if turns.any():
             looks[turns, MARKS.index(REST)] = MOVING
             epochs, motion = self._judged(seen, looks, sensors, prior)
+        if motion.model.name == "vehicle":
+            sensors, epochs, motion = self._bends(seen, looks, epochs, motion, sensors, prior)
         wider = wandering(epochs, motion.model, sensors)
         if wider is not sensors:
             sensors = wider
             epochs, motion = self._judged(seen, looks, sensors, prior)
         return epochs, motion, sensors, prior
+
+    def _bends(
+        self,
+        seen: Epochs,
+        looks: np.ndarray,
+        epochs: Epochs,
+        motion: Motion,
+        sensors: SensorModel,
+        prior: Prior,
+    ) -> tuple[SensorModel, Epochs, Motion]:
+        """What was judged, once more if its quiet times show two rates: one of them is a bend's."""
+        looked = looks[:, MARKS.index(REST)] > MOVING
+        grade = bias_grade(self._source, self._config)
+        bends = two_rates(epochs, looked, sensors, self._alignment.gyro_bias, grade)
+        if bends is None:
+            return sensors, epochs, motion
+        looks[bends.turning, MARKS.index(REST)] = MOVING
+        looks[bends.quiet, MARKS.index(TURN_DOUBT)] = bends.variance * bends.quiet.sum()
+        self.even_turn = max(self.even_turn, bends.turn, key=lambda one: one.sigma)
+        sensors = replace(sensors, bias=hypot(sensors.bias, bends.turn.sigma))
+        return sensors, *self._judged(seen, looks, sensors, prior)
 
     def _sensors(self, bias_known: bool) -> SensorModel:
         """Errors of the sensors by their grade, and by the bias that was taken off."""

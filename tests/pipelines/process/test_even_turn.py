@@ -11,7 +11,7 @@ RATE = 100.0
 DEG_H = np.radians(1.0 / 3600.0)
 
 
-def creeping(path, seed, *phases, bias=5.0, noise=5e-4, speed=0.4):
+def creeping(path, seed, *phases, bias=5.0, noise=5e-4, speed=0.4, wobble=0.0):
     """Phases of seconds and deg/s; returns times from the first, s, and headings, rad, of the log.
 
     FLU axes, gyro biases of one sigma in deg/h, in any direction.
@@ -27,6 +27,10 @@ def creeping(path, seed, *phases, bias=5.0, noise=5e-4, speed=0.4):
     force[:, 1], force[:, 2] = speed * rate, G
     gyro = tilt.inv().apply(level) + bias * DEG_H * random.normal(size=3)
     gyro += noise * random.normal(size=gyro.shape)
+    shake = np.diff(random.normal(size=(len(gyro) + 81, 3)), axis=0)
+    gyro += (
+        wobble * np.array([np.convolve(one, np.hanning(83)[1:-1], "valid") for one in shake.T]).T
+    )
     accel = tilt.inv().apply(force) + 0.02 * random.normal(size=3)
     accel += 0.01 * random.normal(size=accel.shape)
     return imu_log(path, even_times(len(rate), RATE), gyro, accel), heading
@@ -66,6 +70,15 @@ def test_an_even_turn_is_in_the_sigma_of_heading(tmp_path, seed, phases):
 def test_a_rest_beside_it_shows_that_it_turns(tmp_path, seed, phases):
     off, sigma, _ = drift(tmp_path, seed, *phases)
     assert abs(off) < np.radians(1.0) and abs(off) < 3.0 * sigma
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("bias", "turn"), [(300.0, -0.45), (300.0, 1.0), (1500.0, 0.6)])
+def test_a_train_in_an_even_bend_that_is_longer_than_the_straight(tmp_path, seed, bias, turn):
+    """Off by 58 deg at a stated 2.5 deg: the rate of the bend was taken for the bias."""
+    phases = ((22.0, 0.0), (60.0, turn), (15.0, 0.0))
+    off, sigma, _ = drift(tmp_path, seed, *phases, bias=bias, speed=20.0, wobble=1e-2)
+    assert abs(off) < 3.0 * sigma
 
 
 @pytest.mark.slow
