@@ -201,20 +201,12 @@ def likely_accel_bias(gyro_bias: FloatArray | None, off: float) -> float:
     Over new calibrations, older ones, and none, by how likely each is with what is known; see
     :func:`accel_uncalibrated` for the parameters.
     """
-    gyros = 0.0 if gyro_bias is None else uncalibrated(gyro_bias)
-    poor = gyros + (1.0 - gyros) * ONLY_GYROS
-    kinds = (
-        ((1.0 - poor) * (1.0 - AGED), _MEMS.accel_bias),
-        ((1.0 - poor) * AGED, AGED_ACCEL_BIAS),
-        (poor, POOR_ACCEL_BIAS),
-    )
-    # relative to the widest, so that no likelihood is lost below the smallest number
-    odds = [
-        share / sigma * exp(-0.5 * off**2 * (sigma**-2 - POOR_ACCEL_BIAS**-2))
-        for share, sigma in kinds
-    ]
-    square = sum(one * sigma**2 for one, (_, sigma) in zip(odds, kinds, strict=True)) / sum(odds)
-    return sqrt(square)
+    fresh, aged = _MEMS.accel_bias, AGED_ACCEL_BIAS
+    odds = AGED / (1.0 - AGED) * fresh / aged
+    odds *= exp(min(0.5 * off**2 * (fresh**-2 - aged**-2), 50.0))
+    calibrated = (fresh**2 + odds * aged**2) / (1.0 + odds)
+    poor = accel_uncalibrated(gyro_bias, off)
+    return sqrt((1.0 - poor) * calibrated + poor * POOR_ACCEL_BIAS**2)
 
 
 def as_calibrated(sensors: SensorModel, gyro_bias: FloatArray) -> SensorModel:
