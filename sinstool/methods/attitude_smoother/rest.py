@@ -71,6 +71,9 @@ TRANSPORT_RATE = FIRST_VELOCITY / SEMI_MAJOR_AXIS
 # One sigma of the rate of a bend that is taken for straight travel where the bias is unknown,
 # rad/s.
 SLOW_TURN = 3e-3
+# Quiet times no more epochs apart may be those of one slow turn, as of a ship that drifts.
+ONE_TURN = 150
+ROLLS = 2e-3  # rad/s, on each axis
 # Rate of a long turn of an aircraft, one sigma, rad/s.
 TURN = 0.03
 # A steady time shorter than this is a lull of the motion, in which a slow acceleration may go on.
@@ -214,9 +217,10 @@ def note_doubt(rows: np.ndarray, sensors: SensorModel) -> None:
     """
     rows[:, RATE_DOUBT] = rows[:, TURN_DOUBT] = 0.0
     found = runs((rows[:, REST] > MOVING) & (rows[:, REST] < AT_REST))
-    if len(found) == 1 and sensors.bias > LARGE_BIAS:
-        begin, end = found[0]
-        rows[begin:end, TURN_DOUBT] = _turn_doubt(rows[begin:end], sensors) * (end - begin)
+    if found and sensors.bias > LARGE_BIAS and _in_one_turn(rows, found):
+        quiet = np.concatenate([rows[begin:end] for begin, end in found])
+        for begin, end in found:
+            rows[begin:end, TURN_DOUBT] = _turn_doubt(quiet, sensors) * len(quiet)
     if len(found) < 2:
         return
     rates = np.array([rows[begin:end, GYRO : GYRO + 3].mean(axis=0) for begin, end in found])
@@ -225,8 +229,26 @@ def note_doubt(rows: np.ndarray, sensors: SensorModel) -> None:
         rows[begin:end, RATE_DOUBT] = differ * (end - begin)
 
 
+def _in_one_turn(rows: np.ndarray, found: list[tuple[int, int]]) -> bool:
+    """Whether all of these times may lie in one slow turn: there is one, or they are lulls afloat.
+
+    What floats rolls between its lulls, and they follow one another.
+    """
+    between = [(before[1], after[0]) for before, after in pairwise(found)]
+    if not between:
+        return True
+    if any(end - begin > ONE_TURN for begin, end in between):
+        return False
+    quiet, rolls = (np.concatenate([rows[a:b] for a, b in spans]) for spans in (found, between))
+    up = quiet[:, ACCEL : ACCEL + 3].mean(axis=0)
+    up /= max(float(np.linalg.norm(up)), 1e-9)
+    rate = rolls[:, GYRO : GYRO + 3] - quiet[:, GYRO : GYRO + 3].mean(axis=0)
+    across = rate - np.outer(rate @ up, up)
+    return float(np.mean(across**2)) > ROLLS**2
+
+
 def _turn_doubt(quiet: np.ndarray, sensors: SensorModel) -> float:
-    """Variance of a turn about the vertical in the only quiet time that shows the bias, rad^2/s^2.
+    """Variance of a turn about the vertical in the only quiet times that show the bias, rad^2/s^2.
 
     The larger the rate, the more probable that it is a turn's; then all of the rate is the turn.
     """

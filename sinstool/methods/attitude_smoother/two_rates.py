@@ -2,7 +2,7 @@
 
 On a train or a ship an even bend is as quiet as straight travel, and may last for longer. One of
 the two rates is the bias of the gyros, as biases do not change within seconds, and no rest says
-which: the one that such gyros have more probably.
+which: the one that such gyros have more probably, or that comes again after the other.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 from sinstool.methods.attitude_smoother.even_turn import NO_TURN, EvenTurn, bias_density
 from sinstool.methods.attitude_smoother.model import SensorModel
-from sinstool.methods.attitude_smoother.rest import LULL, TRANSPORT_RATE, runs
+from sinstool.methods.attitude_smoother.rest import LULL, TRANSPORT_RATE, TURN, runs
 from sinstool.methods.sensor_errors import Grade
 
 # A bend turns about the vertical: across it, rates differ by no more than this share of that.
@@ -102,9 +102,16 @@ def two_rates(
         return None
     # Rates may differ from bend to bend: the one that gyros have most probably
     found = [(a, b, median(rows[a:b, gyro], axis=0)) for a, b in runs(other)]
-    density = [bias_density(one + removed, grade) for *_, one in found]
-    best = found[int(np.argmax(density))][2]
-    share = max(density) / max(max(density) + bias_density(rate + removed, grade), 1e-300)
+    course = running_median((rows[:, gyro] - rate) @ up, min(WIDE, len(rows)))
+
+    def odds(one: FloatArray) -> float:
+        near = np.abs(course - float((one - rate) @ up)) < differ
+        again = _occasions(near, looked) - 1
+        return bias_density(one + removed, grade) * (TURN / differ) ** max(again, 0)
+
+    of_found = [odds(one) for *_, one in found]
+    best = found[int(np.argmax(of_found))][2]
+    share = max(of_found) / max(max(of_found) + odds(rate), 1e-300)
     turning, quiet, shown, left = other, kept & ~other, rate, share
     if share > 0.5:
         quiet = np.zeros(len(rows), np.bool_)
@@ -118,3 +125,14 @@ def two_rates(
     span = int(epochs.time_ns[begin]), int(epochs.time_ns[end])
     turn = EvenTurn(float((shown + removed) @ up), sigma, *span)
     return TwoRates(turning, quiet, sigma**2, turn)
+
+
+def _occasions(near: BoolArray, looked: BoolArray) -> int:
+    """How often quiet times show a rate, after times of another one.
+
+    Straight travel always shows the bias, but two bends are seldom of one rate.
+    """
+    near = near.copy()
+    for begin, end in runs(~near):
+        near[begin:end] = end - begin < LULL
+    return sum(int(looked[begin:end].sum()) >= LULL for begin, end in runs(near))

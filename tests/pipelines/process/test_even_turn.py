@@ -11,7 +11,7 @@ RATE = 100.0
 DEG_H = np.radians(1.0 / 3600.0)
 
 
-def creeping(path, seed, *phases, bias=5.0, noise=5e-4, speed=0.4, wobble=0.0):
+def creeping(path, seed, *phases, bias=5.0, noise=5e-4, speed=0.4, wobble=0.0, sways=0.0):
     """Phases of seconds and deg/s; returns times from the first, s, and headings, rad, of the log.
 
     FLU axes, gyro biases of one sigma in deg/h, in any direction.
@@ -33,6 +33,11 @@ def creeping(path, seed, *phases, bias=5.0, noise=5e-4, speed=0.4, wobble=0.0):
     )
     accel = tilt.inv().apply(force) + 0.02 * random.normal(size=3)
     accel += 0.01 * random.normal(size=accel.shape)
+    # a roll, in lulls every twenty seconds
+    t = np.arange(len(rate)) / RATE
+    roll = sways * np.abs(np.sin(np.pi * t / 20.0)) ** 3 * np.sin(2.0 * np.pi * t / 7.0)
+    gyro += tilt.inv().apply(np.outer(np.gradient(roll, t), [1.0, 0.0, 0.0]))
+    accel += tilt.inv().apply(np.outer(roll, [0.0, G, 0.0]))
     return imu_log(path, even_times(len(rate), RATE), gyro, accel), heading
 
 
@@ -78,6 +83,16 @@ def test_a_train_in_an_even_bend_that_is_longer_than_the_straight(tmp_path, seed
     """Off by 58 deg at a stated 2.5 deg: the rate of the bend was taken for the bias."""
     phases = ((22.0, 0.0), (60.0, turn), (15.0, 0.0))
     off, sigma, _ = drift(tmp_path, seed, *phases, bias=bias, speed=20.0, wobble=1e-2)
+    assert abs(off) < 3.0 * sigma
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("bias", "sways"), [(300.0, 0.01), (300.0, 0.06), (1500.0, 0.03)])
+def test_a_ship_that_drifts_round_in_a_calm_sea(tmp_path, seed, bias, sways):
+    """All lulls of its sway show the rate of the turn: it was off by 30 deg at a stated 1 to 4."""
+    off, sigma, _ = drift(
+        tmp_path, seed, (120.0, 0.25), bias=bias, speed=1.0, wobble=3e-3, sways=sways
+    )
     assert abs(off) < 3.0 * sigma
 
 
