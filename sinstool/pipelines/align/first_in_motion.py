@@ -28,8 +28,9 @@ from sinstool.survey.source import Source, rate_blocks
 if TYPE_CHECKING:
     from sinstool.methods.alignment.in_motion import MotionAlignment
 
-# An attitude found in motion denies a rest by more sigmas than this.
-MOST_OFF_LEVEL = 5.0
+# An attitude found in motion denies a rest by more sigmas than this, if the rest is no longer than
+# vehicles brake or speed up evenly, s.
+MOST_OFF_LEVEL, EVEN_S = 5.0, 10.0
 # A filter is linear in its errors: with a larger sigma of the attitude it starts later.
 FILTER_SIGMA = 10.0 * DEGREE
 # A filter that starts within this time of a fix, s, starts at it.
@@ -231,7 +232,8 @@ def _carried_back(
         return result.t_ns, result.q_nb, result.cov
     if still is not None and resting:
         accel_bias = moving.settings.grade.accel_bias
-        if off_level(q_nb, covariance, still.accel, accel_bias) > MOST_OFF_LEVEL:
+        off = off_level(q_nb, covariance, still.accel, accel_bias)
+        if off > MOST_OFF_LEVEL and still.duration_s < EVEN_S:
             return None
         q_nb, covariance = tilted(q_nb, covariance, still.accel, accel_bias)
     return time_ns, q_nb, covariance

@@ -13,6 +13,7 @@ from sinstool.methods.alignment.initial import (
     from_log,
     from_motion,
     from_still,
+    off_level,
     still_bias,
 )
 from sinstool.methods.alignment.still import WindowStage, still_spans
@@ -115,3 +116,21 @@ def test_given_attitudes_are_taken_as_they_are():
     from_topic = from_log(got.q_nb, 8)
     np.testing.assert_array_equal(from_topic.q_nb, got.q_nb)
     assert (from_topic.method, from_topic.time_ns) == ("log", 8)
+
+
+@given(
+    angles,
+    st.floats(-89.0, 89.0),
+    angles,
+    st.floats(-0.01, 0.01),
+    st.floats(-0.01, 0.01),
+    st.floats(-0.5, 0.5),
+)
+def test_sigmas_by_which_an_attitude_denies_a_rest(roll, pitch, heading, north, east, down):
+    """Those of its tilt; heading has no part in it."""
+    true = Rotation.from_euler("ZYX", [heading, pitch, roll], degrees=True)
+    specific_force = true.inv().apply([0.0, 0.0, -G])
+    wrong = Rotation.from_rotvec([0.0, 0.0, down]) * Rotation.from_rotvec([north, east, 0.0]) * true
+    covariance = np.diag([3e-3, 3e-3, 0.2]) ** 2
+    off = off_level(wrong.as_quat(scalar_first=True), covariance, specific_force, 4e-3 * G)
+    assert off == pytest.approx(np.hypot(north, east) / 5e-3, rel=1e-3, abs=1e-6)
