@@ -8,18 +8,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from sinstool.config import ProcessConfig
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.imu_drift import shaking
 from sinstool.pipelines.process.ins_gnss.innovation_cost import (
-    GATE,
     LEAST_EPOCHS,
     innovation_cost,
     innovations,
+    mean_square,
 )
 from sinstool.survey.increments import first_increments
 from sinstool.survey.source import Source
@@ -62,11 +60,7 @@ class Fit:
 def fit(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> Fit | None:
-    """Fit of a filter's settings in a log's first minutes; None where too few fixes show it.
-
-    Fixes that a filter rejects count as well, up to `GATE`: settings that reject good ones do not
-    become likelier by it, and bad ones do not dominate.
-    """
+    """Fit of a filter's settings in a log's first minutes; None where too few fixes show it."""
     control = replace(start.settings.control, adaptive="off")
     shaken = shaking(source, config, algorithm, start)
     settings = replace(start.settings, network=None, control=control)
@@ -78,6 +72,4 @@ def fit(
     epochs = innovations(start.start, settings, shown, start.used, stands)
     if len(epochs) < LEAST_EPOCHS:
         return None
-    square = np.minimum(epochs.nis, GATE)
-    each = innovation_cost(epochs) / len(epochs)
-    return Fit(float(square.sum() / epochs.rows.sum()), each, len(epochs))
+    return Fit(mean_square(epochs), innovation_cost(epochs) / len(epochs), len(epochs))

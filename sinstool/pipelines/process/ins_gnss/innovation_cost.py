@@ -55,3 +55,13 @@ def unlikely(epochs: GnssDiagnostics) -> FloatArray:
 def innovation_cost(epochs: GnssDiagnostics, fewest: int = LEAST_EPOCHS) -> float:
     """-2 log likelihood of all innovations; infinite where there are fewer than the fewest."""
     return float(np.sum(unlikely(epochs))) if len(epochs) >= fewest else np.inf
+
+
+def mean_square(epochs: GnssDiagnostics) -> float:
+    """Squared innovations, those of an epoch up to `GATE`, over those expected.
+
+    A filter's rejected fixes count as well: settings that reject good ones do not look better by
+    it, and bad ones do not dominate. Infinite without any.
+    """
+    rows = int(epochs.rows.sum())
+    return float(np.minimum(epochs.nis, GATE).sum() / rows) if rows else np.inf

@@ -256,11 +256,8 @@ def clearly_likelier(gains: Mapping[Grade, float]) -> Grade | None:
     gains : mapping of Grade to float
         -2 log likelihood of the present grade less theirs, from the worst on.
     """
-    best, least = None, LEAST_GAIN
-    for grade, gain in gains.items():
-        if gain > least:
-            best, least = grade, gain + LEAST_GAIN
-    return best
+    grades, gain = (None, *gains), [0.0, *gains.values()]
+    return next(grade for k, grade in enumerate(grades) if max(gain[k:]) <= gain[k] + LEAST_GAIN)
 
 
 def _refuted(other: Fit | None, judged: Fit | None) -> bool:

@@ -25,7 +25,11 @@ from sinstool.methods.ins_gnss.states import GNSS_POSITION
 from sinstool.methods.land_vehicle.shaking import Shaking
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.innovation_cost import innovation_cost, innovations
+from sinstool.pipelines.process.ins_gnss.innovation_cost import (
+    innovation_cost,
+    innovations,
+    mean_square,
+)
 
 # Factors on the sigmas are powers of STEP, up to MOST_STEPS.
 STEP, MOST_STEPS = 2.0, 10
@@ -33,6 +37,8 @@ STEP, MOST_STEPS = 2.0, 10
 # parameter, as no model of an IMU is quite right. Larger errors that raise it by less than the
 # second would not show.
 LEAST_GAIN, NOT_SHOWN = 16.0, 4.0
+# A filter whose squared innovations are more than so many times those expected diverges.
+DIVERGES = 2.0
 # By chance larger ones lower it by this in one log of 20: half of a chi-square of one degree, as
 # slow errors are not less than none (Chernoff 1954).
 BY_CHANCE = 2.7
@@ -82,22 +88,28 @@ def with_slow_errors(
     if judged.settings.kind.first(GNSS_POSITION) < 0:
         # Without states for slow errors no size of them is likelier than another
         judged = replace(judged, settings=replace(judged.settings, filter="markov-27"))
-    costs: dict[tuple[int, int], float] = {}
+    fits: dict[tuple[int, int], tuple[float, float]] = {}
 
     def cost(steps: tuple[int, int]) -> float:
-        if steps not in costs:
+        if steps not in fits:
             if not 0 <= min(steps) <= max(steps) <= MOST_STEPS:
                 return np.inf
-            costs[steps] = _cost(increments, _with(judged, steps), shaken)
-        return costs[steps]
+            fits[steps] = _fit(increments, _with(judged, steps), shaken)
+        return fits[steps][0]
 
-    # Horizontal and vertical together first, then each by itself
-    best = (0, 0)
-    if not np.isfinite(cost(best)):
+    def likelier(best: tuple[int, int]) -> tuple[int, int]:
+        # Horizontal and vertical together first, then each by itself
+        for way in ((1, 1), (0, 1), (0, -1), (1, 0), (-1, 0)):
+            while cost(ahead := (best[0] + way[0], best[1] + way[1])) < cost(best):
+                best = ahead
+        return best
+
+    if not np.isfinite(cost((0, 0))):
         return start
-    for way in ((1, 1), (0, 1), (0, -1), (1, 0), (-1, 0)):
-        while cost(ahead := (best[0] + way[0], best[1] + way[1])) < cost(best):
-            best = ahead
+    best = likelier((0, 0))
+    if fits[best][1] > DIVERGES:
+        # The likelihood of a filter that diverges rises and falls by chance
+        best = likelier(min(((n, n) for n in range(MOST_STEPS + 1)), key=cost))
     if cost(best) >= cost((0, 0)) - LEAST_GAIN:
         best = (0, 0)
     larger = [cost(best)]
@@ -156,11 +168,13 @@ def _described(start: FilterStart, how: str, unseen_m: float) -> FilterStart:
     return replace(start, gnss_why=text, unseen_m=unseen_m)
 
 
-def _cost(increments: Increments, start: FilterStart, shaken: Shaking | None) -> float:
-    """-2 log likelihood of the innovations; infinite with too few."""
+def _fit(increments: Increments, start: FilterStart, shaken: Shaking | None) -> tuple[float, float]:
+    """-2 log likelihood of the innovations, and their squares over those expected.
+
+    Infinite with too few.
+    """
     settings = replace(start.settings, network=None)
     stands = None if shaken is None else shaken.constraints(settings.imu)
     fixes = start.used_until(int(increments.time_ns[-1]))
-    return innovation_cost(
-        innovations(start.start, settings, increments, fixes, stands), LEAST_EPOCHS
-    )
+    epochs = innovations(start.start, settings, increments, fixes, stands)
+    return innovation_cost(epochs, LEAST_EPOCHS), mean_square(epochs)
