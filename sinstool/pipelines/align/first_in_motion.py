@@ -133,19 +133,13 @@ def _from_motion(
     result = moving.result
     begin_ns = source.survey.first_ns if time_ns is None else time_ns
     limit = np.inf if time_ns is None else FILTER_SIGMA
-    still = source.survey.lead_in
-    reached = _carried_back(moving, source, config, begin_ns, limit, still)
-    if reached is None:
-        still = None
-        reached = _carried_back(moving, source, config, begin_ns, limit, still)
-    assert reached is not None
-    rests = still is not None and reached[0] <= still.end_ns
-    if later_ns is not None and not rests:
-        far = (np.abs(later_ns - reached[0]) > AT_FIX_S * SECOND).all()
+    held = _held_in_rest(moving, source, config, begin_ns, limit)
+    time_ns, q_nb, covariance = held or _carried_back(moving, source, config, begin_ns, limit)
+    if later_ns is not None and held is None:
+        far = (np.abs(later_ns - time_ns) > AT_FIX_S * SECOND).all()
         after = later_ns[(later_ns >= result.t_ns) & (later_ns <= result.t_stop_ns)]
         if far and len(after):
-            reached = _carried_back(moving, source, config, int(after[0]), limit, None) or reached
-    time_ns, q_nb, covariance = reached
+            time_ns, q_nb, covariance = _carried_back(moving, source, config, int(after[0]), limit)
     time_ns, q_nb = _at_sample(source, config, time_ns, q_nb, moving.refined_bias)
     bias, source_of_bias = moving.gyro_bias, "rest" if moving.gyro_bias.any() else "none"
     bias_sigma = None
@@ -189,53 +183,66 @@ def _at_sample(
     return time_ns, q_nb
 
 
-def _carried_back(
-    moving: MotionAlignment,
-    source: Source,
-    config: ProcessConfig,
-    time_ns: int,
-    most_sigma: float,
-    still: StillSpan | None,
+def _held_in_rest(
+    moving: MotionAlignment, source: Source, config: ProcessConfig, time_ns: int, most_sigma: float
 ) -> tuple[int, np.ndarray, np.ndarray] | None:
-    """Attitude and covariance at a time, or at the original time if that cannot be reached.
-
-    It cannot if the IMU has a gap in between, or if the sigma, rad, would exceed the limit.
-
-    A vehicle that rests at the beginning keeps its attitude through the rest; through motion the
-    gyros carry it back, and the sigma grows by their biases.
-
-    Parameters
-    ----------
-    still : StillSpan or None
-        The rest at the beginning.
+    """Attitude and covariance at a time in a rest at the beginning, through which they stay.
 
     Returns
     -------
     (int, ndarray, ndarray) or None
-        None if the attitude denies the rest: a car that brakes evenly for a second or two looks at
-        rest to its IMU, and fixes seldom tell.
+        None if the time is not in a rest, if the rest cannot be reached, or if the attitude denies
+        it.
+    """
+    result, still = moving.result, source.survey.lead_in
+    if still is None or time_ns > still.end_ns:
+        return None
+    if result.t_ns <= still.end_ns:
+        return time_ns, result.q_nb, result.cov
+    reached_ns, q_nb, covariance = _carried_back(moving, source, config, still.end_ns, most_sigma)
+    accel_bias = moving.settings.grade.accel_bias
+    if reached_ns != still.end_ns or denies_rest(q_nb, covariance, still, accel_bias):
+        return None
+    return time_ns, *tilted(q_nb, covariance, still.accel, accel_bias)
+
+
+def denies_rest(
+    q_nb: np.ndarray, covariance: np.ndarray, still: StillSpan, accel_bias: float
+) -> bool:
+    """Whether an attitude found in motion denies that a vehicle rested before.
+
+    A car that brakes evenly for a second or two looks at rest to its IMU, and fixes seldom tell.
+
+    Parameters
+    ----------
+    q_nb, covariance, accel_bias
+        See :func:`~sinstool.methods.alignment.initial.tilted`.
+    """
+    off = off_level(q_nb, covariance, still.accel, accel_bias)
+    return off > MOST_OFF_LEVEL and still.duration_s < EVEN_S
+
+
+def _carried_back(
+    moving: MotionAlignment, source: Source, config: ProcessConfig, time_ns: int, most_sigma: float
+) -> tuple[int, np.ndarray, np.ndarray]:
+    """Attitude and covariance at a time, or at the original time if that cannot be reached.
+
+    It cannot if the IMU has a gap in between, or if the sigma, rad, would exceed the limit: the
+    gyros carry it back, and the sigma grows by their biases.
     """
     result = moving.result
-    resting = still is not None and time_ns <= still.end_ns
-    begin = still.end_ns if still is not None and resting else time_ns
-    if result.t_ns <= begin:
-        if resting or result.t_ns == time_ns:
-            return time_ns, result.q_nb, result.cov
+    if result.t_ns == time_ns:
+        return time_ns, result.q_nb, result.cov
+    if result.t_ns < time_ns:
         return time_ns, result.attitude_at(np.array([time_ns]))[0], result.cov
     from sinstool.pipelines.align.in_motion import increments
 
-    imu = increments(source, config, moving.refined_bias, result.t_ns, begin)
+    imu = increments(source, config, moving.refined_bias, result.t_ns, time_ns)
     if not len(imu) or (np.diff(imu.time_ns) > source.survey.max_gap_ns).any():
         return result.t_ns, result.q_nb, result.cov
     q_nb, covariance = moving.carried_back(imu)
     if np.sqrt(np.diag(covariance).max()) > most_sigma:
         return result.t_ns, result.q_nb, result.cov
-    if still is not None and resting:
-        accel_bias = moving.settings.grade.accel_bias
-        off = off_level(q_nb, covariance, still.accel, accel_bias)
-        if off > MOST_OFF_LEVEL and still.duration_s < EVEN_S:
-            return None
-        q_nb, covariance = tilted(q_nb, covariance, still.accel, accel_bias)
     return time_ns, q_nb, covariance
 
 

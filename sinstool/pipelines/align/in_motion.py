@@ -60,9 +60,6 @@ NEVER_CALM = (
     "the flight after lift-off is never as calm, or not for as long, as the gate asks for: aligned"
     " with all of the motion, which the fixes do not contradict"
 )
-# Beside accelerometers whose bias is larger than this share allows, what leaning gyros add to the
-# sigma of tilt is small: it counts with those of navigation grade.
-LEAST_LEAN = 0.5
 # Bias of a cheap gyro in a log without rest, if that of its grade is too small, rad/s (1 sigma).
 UNKNOWN_BIAS = 0.5 * DEGREE
 
@@ -424,9 +421,6 @@ def sensor_errors(
         velocity_random_walk=max(velocity, walks[1]) if options.vrw is None else velocity,
     )
     aligned = without(as_if_aligned(used), "drift")
-    lean = used.gyro_misalignment * STANDARD_GRAVITY
-    if config.filter.sigma_misalignment is None and lean < LEAST_LEAN * noise.accel_bias:
-        return aligned
     return replace(aligned, gyro_misalignment=used.gyro_misalignment)
 
 

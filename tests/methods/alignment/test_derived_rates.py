@@ -11,10 +11,16 @@ from scipy.spatial.transform import Rotation
 from sinstool.core.earth import displaced
 from sinstool.core.timeline import SECOND
 from sinstool.methods.alignment.derived_rates import slopes
+from sinstool.methods.alignment.inflight_types import AlignmentSettings
+from sinstool.methods.alignment.measurements import gnss_fixes
+from sinstool.methods.alignment.preparation import Stretch
+from sinstool.methods.alignment.segments import candidates
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
+from sinstool.simulation.gnss import Receiver, gnss_samples
 from tests.helpers.filter_logs import first_start_of
-from tests.helpers.gnss import straight
+from tests.helpers.gnss import epochs, straight
 from tests.helpers.unseen_drives import GRADES, LEVER, T0, multicopter, record, write
+from tests.methods.alignment.launches import PERFECT, antenna_truth, exact
 
 
 @given(
@@ -52,6 +58,21 @@ def test_a_bend_adds_the_same_to_slopes_of_fixes_and_of_the_imu(every_s):
     off = np.abs(made.velocity_n[:, 0] - same[:, 0])[whole]
     assert whole.sum() > 0.5 * len(at) and bend.min() > 0.05
     assert (off < 0.05 * bend).all()
+
+
+@pytest.mark.parametrize("begin_s", [20, 45])
+def test_velocities_of_times_before_the_imu_are_left_out(begin_s):
+    """How the vehicle moved then does not show: starts in motion were twice as far off."""
+    receiver = Receiver(errors=PERFECT)
+    flight, imu, _ = exact(receiver)
+    seen = with_velocities(epochs(gnss_samples(flight, receiver, 1, antenna_truth(receiver))), 0.02)
+    fixes, _ = gnss_fixes(seen, 0, int(imu.time_ns[-1]), 0.0)
+    late = imu.rows(slice(int(np.searchsorted(imu.time_ns, begin_s * SECOND)), None))
+    made = candidates(Stretch(late, ""), fixes, AlignmentSettings(gate="off"), begin_s * SECOND, [])
+    used = np.isin(fixes.time_ns, made[0].fixes.time_ns)
+    covered = fixes.time_ns - fixes.derived_s * SECOND >= late.time_ns[0]
+    assert used.any() and not used[~covered].any()
+    assert (covered & (fixes.time_ns < late.time_ns[0] + 2 * SECOND) & ~used).sum() <= 1
 
 
 @pytest.mark.parametrize("seed", [40, 44])

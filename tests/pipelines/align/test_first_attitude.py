@@ -13,9 +13,10 @@ from sinstool.core.units import DEGREE
 from sinstool.io.readers import open_log
 from sinstool.io.readers.truth import at_times, read_truth
 from sinstool.methods.alignment.initial import level, tilted
+from sinstool.methods.alignment.still import StillSpan
 from sinstool.pipelines.align import in_motion
 from sinstool.pipelines.align.first_attitude import align
-from sinstool.pipelines.align.first_in_motion import in_flight
+from sinstool.pipelines.align.first_in_motion import denies_rest, in_flight
 from sinstool.pipelines.align.log import align_log
 from sinstool.survey.source import prepare
 from tests.helpers.imulogs import G, even_times, imu_log, resting
@@ -47,6 +48,19 @@ def test_a_flight_from_rest_is_carried_back_to_the_pad():
     assert time_ns[0] == result.time_ns
     assert np.rad2deg(np.linalg.norm(psi)) < 0.5
     assert psi @ np.linalg.solve(result.covariance_n, psi) / 3.0 < 5.0
+
+
+@pytest.mark.parametrize(
+    ("lean_deg", "seconds", "denied"),
+    [(2.0, 2.0, True), (2.0, 9.0, True), (2.0, 11.0, False), (0.4, 2.0, False)],
+)
+def test_an_attitude_denies_a_short_rest_by_five_sigmas(lean_deg, seconds, denied):
+    """Nobody brakes evenly for longer than ten seconds: then the attitude is wrong."""
+    lean = lean_deg * DEGREE
+    force = G * np.array([np.sin(lean), 0.0, np.cos(lean)])
+    still = StillSpan(0, round(seconds * 1e9), 100, np.zeros(3), -force, 0.0, 0.0)
+    level_n, sigma = np.array([1.0, 0.0, 0.0, 0.0]), 0.1 * DEGREE
+    assert denies_rest(level_n, sigma**2 * np.eye(3), still, 1e-4 * G) == denied
 
 
 @pytest.mark.parametrize("grade", ["auto", "mems", "tactical"])

@@ -149,11 +149,15 @@ def test_an_engine_that_idles_is_no_fault_of_a_navigation_grade_nor_of_the_fixes
         ((30.3, 31.7, 38.5), "industrial"),
         ((30.0, 41.0, 45.0), "tactical"),
         ((5.0, 30.0, 41.0), "navigation"),
+        ((8.2, 10.1, -2.5), "industrial"),
         ((30.0, 20.0, -np.inf), "industrial"),
     ],
 )
 def test_a_drift_makes_an_imu_no_better_than_it_clearly_shows(gains, expected):
-    """The likeliest was taken: 2 of 12 simulated MEMS for navigation grade, at 1.6 sigmas."""
+    """The likeliest was taken: 2 of 12 simulated MEMS for navigation grade, at 1.6 sigmas.
+
+    And a better grade than the worst that is nearly as likely.
+    """
     better = ("industrial", "tactical", "navigation")
     assert clearly_likelier(dict(zip(better, gains, strict=True))) == expected
 
