@@ -10,7 +10,6 @@ from sinstool.core.streams import Imu, concatenate
 from sinstool.core.timeline import SECOND, segments
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.strapdown.followed_rates import with_followed
-from sinstool.methods.strapdown.joined_updates import joined_updates
 from sinstool.methods.strapdown.lost_samples import LostSamples
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentSamples
 from sinstool.methods.strapdown.velocity import Increments, IncrementStage
@@ -93,7 +92,6 @@ def first_increments(
     start_ns: int,
     span_ns: int,
     gap_ns: int,
-    below_s: float | None = None,
 ) -> Increments | None:
     """Increments of some minutes from a sample on, up to a gap; None without any.
 
@@ -107,20 +105,14 @@ def first_increments(
         Time of the sample at which the first update begins.
     span_ns, gap_ns : int
         So many minutes; the longest time between updates.
-    below_s : float, optional
-        Updates are joined as long as they stay shorter than this, s.
     """
     made = source.samples.made
-    key = config.input.sample_kind, id(algorithm), start_ns, span_ns, gap_ns, below_s
+    key = config.input.sample_kind, id(algorithm), start_ns, span_ns, gap_ns
     if key not in made:
         if any(kept[2] != start_ns for kept in made):
             made.clear()
-        if below_s is None:
-            steps = SegmentIncrements(source, config, algorithm)
-            made[key] = _up_to_gap(steps.from_time(start_ns, start_ns + span_ns), start_ns, gap_ns)
-        else:
-            whole = first_increments(source, config, algorithm, start_ns, span_ns, gap_ns)
-            made[key] = None if whole is None else joined_updates(whole, below_s)
+        steps = SegmentIncrements(source, config, algorithm).from_time(start_ns, start_ns + span_ns)
+        made[key] = _up_to_gap(steps, start_ns, gap_ns)
     return cast("Increments | None", made[key])
 
 

@@ -13,7 +13,6 @@ constant over an update: gravity and the rotation of the navigation axes.
 
 from __future__ import annotations
 
-from itertools import pairwise
 from math import ceil
 
 import numpy as np
@@ -39,7 +38,9 @@ JOINED_S = 0.1
 ROUNDING = 0.01
 
 
-def joined_updates(increments: Increments, below_s: float) -> Increments:
+def joined_updates(
+    increments: Increments, below_s: float, seen_ns: IntArray | None = None
+) -> Increments:
     """Join as many consecutive updates into one as stay shorter than a given time.
 
     Parameters
@@ -48,6 +49,9 @@ def joined_updates(increments: Increments, below_s: float) -> Increments:
         At least one update. Across gaps nothing is joined.
     below_s : float
         Upper limit of the duration of a joined update, s, at the usual interval.
+    seen_ns : ndarray of int64, shape (m,), optional
+        When fixes are valid, in order. The updates in which they lie stay as they are: how a
+        vehicle shakes, and its antenna swings, within a joined one would look like noise of fixes.
 
     Returns
     -------
@@ -60,8 +64,12 @@ def joined_updates(increments: Increments, below_s: float) -> Increments:
         return increments
     time_ns, interval = increments.time_ns, increments.interval
     waited = np.diff(time_ns) / SECOND - interval[1:]
-    runs = np.flatnonzero(np.concatenate([[True], waited > 0.5 * usual, [True]]))
-    first = np.concatenate([np.arange(begin, end, most) for begin, end in pairwise(runs)])
+    edges = np.flatnonzero(np.concatenate([[True], waited > 0.5 * usual, [True]]))
+    if seen_ns is not None:
+        edges = np.union1d(edges, _about(time_ns, seen_ns, round(ROUNDING * usual * SECOND)))
+    pieces = -(-np.diff(edges) // most)
+    before = np.repeat(np.cumsum(pieces) - pieces, pieces)
+    first = np.repeat(edges[:-1], pieces) + most * (np.arange(len(before)) - before)
     count = np.diff(first, append=len(time_ns))
     turned, velocity = np.empty((len(first), 3)), np.empty((len(first), 3))
     _join(
@@ -82,6 +90,14 @@ def joined_updates(increments: Increments, below_s: float) -> Increments:
         None if increments.followed_rate is None else increments.followed_rate[last],
         None if increments.lost is None else np.add.reduceat(increments.lost, first),
     )
+
+
+def _about(time_ns: IntArray, seen_ns: IntArray, slack_ns: int) -> IntArray:
+    """The updates in which times lie, unless at their ends, and those after them."""
+    seen_ns = seen_ns[(seen_ns > time_ns[0] - slack_ns) & (seen_ns <= time_ns[-1])]
+    at = np.searchsorted(time_ns, seen_ns - slack_ns)
+    within = np.abs(time_ns[at] - seen_ns) > slack_ns
+    return np.concatenate([at[within], at + 1])
 
 
 @kernel()

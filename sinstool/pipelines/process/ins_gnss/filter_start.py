@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.arrays import BoolArray, FloatArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.result import compass
 from sinstool.core.rotation import to_euler
 from sinstool.core.streams import GnssEpochs
@@ -251,6 +251,11 @@ class FilterStart:
             settings=replace(settings, gnss_latency=latency_s),
             start=replace(begun, covariance_position_n=covariance),
         )
+
+    @property
+    def valid_ns(self) -> IntArray:
+        """When the epochs that are used are valid."""
+        return self.used.time_ns - round(self.settings.gnss_latency * SECOND)
 
     def used_until(self, time_ns: int) -> GnssEpochs:
         """Epochs that are used and valid up to a time, for runs that end there."""

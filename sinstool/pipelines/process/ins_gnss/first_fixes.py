@@ -251,7 +251,7 @@ def _from(
     last = min(first + 1 + max(TRIED) + JUDGES, len(rows) - 1)
     end_ns = None if whole else max(int(valid_ns[last]), start.time_ns) + SECOND
     steps = SegmentIncrements(source, config, algorithm).from_time(start.time_ns, end_ns)
-    return [joined_updates(increments, JOINED_S) for increments, _, _ in steps]
+    return [joined_updates(increments, JOINED_S, start.valid_ns) for increments, _, _ in steps]
 
 
 def _innovations(

@@ -40,7 +40,7 @@ from sinstool.methods.ins_gnss.states import ACCEL_AXES
 from sinstool.methods.land_vehicle.shaking import Shaking, find_shaking
 from sinstool.methods.land_vehicle.track import MeansStage
 from sinstool.methods.sensor_errors import LOW_COST, SensorGrade
-from sinstool.methods.strapdown.joined_updates import JOINED_S
+from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.likeliest_noise import MOST_SQUARE, cost, likeliest
@@ -190,28 +190,35 @@ class _Windows:
 
 
 def shown_increments(
-    source: Source,
-    config: ProcessConfig,
-    algorithm: ConingAlgorithm,
-    start: FilterStart,
-    below_s: float | None = JOINED_S,
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> Increments | None:
     """Increments of the first minutes from a start on, up to a long gap; None without any.
 
-    Parameters
-    ----------
-    below_s : float or None
-        Increments are joined to ones shorter than this, s; None for none.
+    Joined but for those in which fixes lie.
     """
+    shown, valid_ns = _shown(source, config, algorithm, start), start.valid_ns
+    if shown is None:
+        return None
+    made, fixes = source.samples.made, valid_ns[valid_ns <= shown.time_ns[-1]]
+    key = "joined", fixes.tobytes(), start.time_ns
+    if key not in made:
+        made[key] = joined_updates(shown, JOINED_S, fixes)
+    return cast("Increments", made[key])
+
+
+def _shown(
+    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
+) -> Increments | None:
+    """The same, none of them joined."""
     gap_ns = round(start.settings.max_gap * SECOND)
-    return first_increments(source, config, algorithm, start.time_ns, SHOWN_NS, gap_ns, below_s)
+    return first_increments(source, config, algorithm, start.time_ns, SHOWN_NS, gap_ns)
 
 
 def shaking(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> Shaking | None:
     """Noise of an IMU that is shaken while the vehicle stands, which is not its noise in motion."""
-    shown = shown_increments(source, config, algorithm, start, None)
+    shown = _shown(source, config, algorithm, start)
     if shown is None:
         return None
     late = round(start.settings.gnss_latency * SECOND)

@@ -61,7 +61,7 @@ def iterated(begun: FilterStart, motion: Increments | None) -> Start:
     start = begun.start
     if motion is None:
         return start
-    joined = joined_updates(motion, JOINED_S)
+    joined = joined_updates(motion, JOINED_S, begun.valid_ns)
     least = np.inf
     for _ in range(MOST_STEPS):
         smoothed = smoothed_over(replace(begun, start=start), joined)

@@ -114,7 +114,7 @@ def likeliest(
     """
     if motion is None:
         return start.start, 0.0
-    joined = joined_updates(motion, JOINED_S)
+    joined = joined_updates(motion, JOINED_S, start.valid_ns)
     own = _cost(joined, start)
     best, least = start, own - LEAST_GAIN
     sigmas = _bias_sigmas(start)

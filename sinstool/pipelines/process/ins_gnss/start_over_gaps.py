@@ -161,7 +161,11 @@ def _smoothed(
 ) -> SmoothedStart | None:
     """The start as smoothed over what follows."""
     motion = _following(source, config, algorithm, start)
-    return None if motion is None else smoothed_over(start, joined_updates(motion, JOINED_S))
+    return (
+        None
+        if motion is None
+        else smoothed_over(start, joined_updates(motion, JOINED_S, start.valid_ns))
+    )
 
 
 def _updates(

@@ -401,7 +401,7 @@ def _means(
             break
         last_ns = int(increments.time_ns[-1])
         stage.push(increments)
-        joined.append(joined_updates(increments, JOINED_S))
+        joined.append(joined_updates(increments, JOINED_S, start.valid_ns))
     return stage.finish(), joined
 
 
