@@ -8,6 +8,8 @@ line prints that line alone and exits with ``exit_code``; a traceback appears on
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 # What to do about a damaged log; the command line replaces AGAIN by the whole command to run
@@ -135,6 +137,18 @@ class AlignmentError(SinstoolError):
         self.uncertain = uncertain
         self.consistent = consistent
         super().__init__(message, hint)
+
+
+@contextmanager
+def in_log(path: Path) -> Iterator[None]:
+    """Name the log in errors of alignments, which are computed from arrays alone."""
+    try:
+        yield
+    except AlignmentError as exc:
+        if exc.message.startswith(one_line(f"{path}: ")):
+            raise
+        message = f"{path}: {exc.message}"
+        raise AlignmentError(message, exc.hint, exc.uncertain, exc.consistent) from exc
 
 
 class OutputError(SinstoolError):

@@ -7,6 +7,7 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.log import Log
+from sinstool.io.readers.message_types import FIX_TYPES
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.readers.transforms import position_in
 from sinstool.survey.needs import may_need_antenna
@@ -29,7 +30,7 @@ def antenna_b(
     """
     if not fix_topic or not may_need_antenna(config):
         return None
-    antenna = frame_id(log, log.channels_of(fix_topic))
+    antenna = frame_id(log, log.channels_of(fix_topic, *FIX_TYPES))
     arm = position_in(log, antenna, body) if antenna else None
     if arm is None or not LEAST_ARM_M < np.linalg.norm(arm) < LONGEST_ARM_M:
         return None

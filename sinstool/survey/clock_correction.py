@@ -295,8 +295,8 @@ def _stood_still(log: Log, others: Sequence[_Times], place: int, size: float) ->
     of half a g there and back. It must be off by more with the leap, and by less without it.
     """
     for other in others:
-        channels = tuple(log.channels_of(other.topic))
-        if channels[0].type not in FIX_TYPES:
+        channels = tuple(log.channels_of(other.topic, *FIX_TYPES))
+        if not channels:
             continue
         row, count = other.row(place), 0
         rows = []

@@ -19,6 +19,7 @@ from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND, mean_rates, means_with_lost
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
+from sinstool.io.readers.message_types import FIX_TYPES
 from sinstool.io.readers.streams import ImuUnits, first_fix
 from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu
 from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
@@ -410,7 +411,7 @@ def _position(
         fix = fixes.rows(np.flatnonzero(fixes.has_position)[:1])
         latitude, longitude, height = fix.latitude[0], fix.longitude[0], fix.height[0]
     elif aiding.fix_topic:  # none so early, but perhaps later
-        first = first_fix(log, tuple(log.channels_of(aiding.fix_topic)))
+        first = first_fix(log, tuple(log.channels_of(aiding.fix_topic, *FIX_TYPES)))
         if first is None:
             return None, None, None
         degree = DEGREE if config.input.gnss_unit == "rad" else 1.0

@@ -209,6 +209,17 @@ def test_units(allan, tmp_path):
     assert code == 0 and "more than any gyro has: if its rates are in deg/s" in err
 
 
+@pytest.mark.parametrize(("size", "unit"), [(0.2, "g"), (0.1, "m/s^2"), (2.0, "m/s^2")])
+def test_an_accelerometer_in_a_wrong_unit_has_no_noise_to_trust(allan, tmp_path, size, unit):
+    """A unit that the user states is used, though gravity denies it."""
+    rates, forces = noise(3000)
+    log = write(tmp_path / "a.mcap", rates, size * forces)
+    code, out, err = allan(log, "--json", "--accel-unit", unit)
+    (found,) = (f for f in json.loads(out)["findings"] if f["kind"] == "gravity-size")
+    assert code == 3 and found["severity"] == "lost"
+    assert "do not trust the accelerometer's noise" in err
+
+
 def test_a_log_that_moves_all_the_time(allan, tmp_path):
     rates, forces = moved(*noise(6000), 0, 6000)
     log = write(tmp_path / "moves.mcap", rates, forces)

@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from sinstool.cli.main import cli
 from sinstool.core.errors import ConfigurationError, TopicError
 from sinstool.io.readers import open_log
+from tests.cli.one_line import one_line
 from tests.helpers.filter_logs import CAUSES, simulated
 from tests.helpers.logs import real
 
@@ -128,3 +129,12 @@ def test_car_beside_its_receiver(tmp_path, name, settle):
     assert scores["filter"]["outages"][0]["largest_in_sigmas"] < 3.0
     smooth, plain = (s["rms_of_largest_horizontal_m"] for s in (scores, scores["filter"]))
     assert smooth < 0.5 * plain
+
+
+def test_an_error_of_the_alignment_names_the_log(sinstool, drive, tmp_path):
+    span = ("--start", "50", "--end", "52")
+    for options in ((), ("--print-plan",)):
+        out = tmp_path / "out.mcap"
+        status, _, err = sinstool("process", drive, "-o", out, "--align", "svd", *span, *options)
+        assert status == 1 and one_line(err).startswith(f"sinstool: {drive}: alignment in flight")
+        assert not out.exists()

@@ -113,13 +113,13 @@ def write_log(path, messages, ros=2, types=None, channels=()):
         numbers = {}
 
         def number(topic, name):
-            if topic not in numbers:
+            if (topic, name) not in numbers:
                 text = types.generate_msgdef(name, ros_version=ros)[0].encode()
                 shown = name.replace("/msg/", "/") if ros == 1 else name
                 schema = writer.register_schema(shown, f"ros{ros}msg", text)
                 encoding = "ros1" if ros == 1 else "cdr"
-                numbers[topic] = writer.register_channel(topic, encoding, schema)
-            return numbers[topic]
+                numbers[topic, name] = writer.register_channel(topic, encoding, schema)
+            return numbers[topic, name]
 
         for topic, name in channels:
             number(topic, name)

@@ -229,14 +229,15 @@ class Log(ABC):
             met = self.channels if through is None else through
             self.recovered.update({number: counts.get(number, 0) for number in met})
 
-    def channels_of(self, topic: str) -> list[Channel]:
-        """All channels that carry a topic, by id."""
+    def channels_of(self, topic: str, *types: str) -> list[Channel]:
+        """All channels that carry a topic, or those of some types alone, by id."""
         if self._topics_of != (id(self.channels), len(self.channels)):
             self._by_topic = {}
             for _, channel in sorted(self.channels.items()):
                 self._by_topic.setdefault(channel.topic, []).append(channel)
             self._topics_of = (id(self.channels), len(self.channels))
-        return list(self._by_topic.get(topic, ()))
+        channels = self._by_topic.get(topic, ())
+        return [c for c in channels if not types or c.type in types]
 
     def close(self) -> None:  # noqa: B027 - not every log holds something
         """Close files and free memory."""

@@ -42,15 +42,9 @@ class ImuTopic:
 
 
 def topics_of_type(log: Log, *types: str) -> dict[str, tuple[Channel, ...]]:
-    """Topics whose channels all have one of some types."""
-    by_topic: dict[str, list[Channel]] = {}
-    for _, channel in sorted(log.channels.items()):
-        by_topic.setdefault(channel.topic, []).append(channel)
-    return {
-        topic: tuple(channels)
-        for topic, channels in by_topic.items()
-        if all(c.type in types for c in channels)
-    }
+    """Topics with channels of some types, and these; a topic may have others beside them."""
+    topics = dict.fromkeys(c.topic for _, c in sorted(log.channels.items()) if c.type in types)
+    return {topic: tuple(log.channels_of(topic, *types)) for topic in topics}
 
 
 def imu_candidates(log: Log) -> list[ImuTopic]:

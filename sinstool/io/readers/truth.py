@@ -68,13 +68,13 @@ def read_truth(log: Log, truth: str, body_axes: str) -> tuple[np.ndarray, np.nda
 
 
 def _from_topic(log: Log, topic: str) -> tuple[np.ndarray, np.ndarray]:
-    channels = log.channels_of(topic)
-    path = PATHS.get(channels[0].type)
-    if path is None:
+    suitable = log.channels_of(topic, *PATHS)
+    if not suitable:
         kinds = ", ".join(t.replace("/msg/", "/") for t in PATHS)
-        raise TopicError(
-            log.path, f"--truth {topic} is {channels[0].type_name}", f"it must be one of {kinds}"
-        )
+        other = log.channels_of(topic)[0].type_name
+        raise TopicError(log.path, f"--truth {topic} is {other}", f"it must be one of {kinds}")
+    channels = log.channels_of(topic, suitable[0].type)
+    path = PATHS[suitable[0].type]
     columns = {**header(), "q": [f"{path}.{axis}" for axis in "wxyz"]}
     times, q = [], []
     for _, values in read_columns(log, channels, columns, Losses()):

@@ -9,11 +9,13 @@ import numpy as np
 
 from sinstool.core.english import in_seconds
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.units import DEGREE, DEGREE_PER_ROOT_HOUR
+from sinstool.core.units import DEGREE, DEGREE_PER_ROOT_HOUR, STANDARD_GRAVITY
 from sinstool.methods.allan.fit import NoiseData
 from sinstool.methods.allan.likelihood import NoiseFit
 from sinstool.pipelines.allan.collect import Collected
 from sinstool.pipelines.allan.result import Axis, Rest
+from sinstool.survey.odd_units import WEIGHTLESS
+from sinstool.survey.unit_evidence import GRAVITY_SIZES
 
 # Gyros have less angular random walk than this, rad/sqrt(s).
 NOISIEST_GYRO = 5.0 * DEGREE_PER_ROOT_HOUR
@@ -37,11 +39,19 @@ def findings(
     data: NoiseData,
     rest: Rest,
     at_rest: Collected,
+    force: float,
 ) -> list[Finding]:
-    """All findings about the noise of the axes."""
+    """All findings about the noise of the axes.
+
+    Parameters
+    ----------
+    force : float
+        Size of the specific force at rest, m/s^2.
+    """
     return [
         *_unusable(axes),
         *_units(axes),
+        *_gravity(axes, force),
         *_hidden(axes, rest),
         *_drift(axes),
         *_warming(axes, fits, data, at_rest),
@@ -94,6 +104,22 @@ def _units(axes: Sequence[Axis]) -> Iterator[Finding]:
         text = f"the gyro's noise is at least {shown:.3g} deg/sqrt(h), more than any gyro has"
         answer = "if its rates are in deg/s, give --gyro-unit deg/s"
         yield Finding("gyro-noise", text, answer=answer, numbers={"arw_deg_sqrt_h": shown})
+
+
+def _gravity(axes: Sequence[Axis], force: float) -> Iterator[Finding]:
+    """An accelerometer at rest feels gravity alone: another size is another unit, of its noise too.
+
+    Where there is none a driver has removed it, and noise is still noise.
+    """
+    measured = [a for a in axes if a.sensor == "accel" and a.status == "measured"]
+    low, high = GRAVITY_SIZES
+    if len(measured) == 3 and force > WEIGHTLESS and not low < force < high:
+        text = (
+            f"the specific force at rest is {force:.3g} m/s^2, not {STANDARD_GRAVITY:.2f}: do not"
+            " trust the accelerometer's noise, which is wrong by the same factor"
+        )
+        answer = "check --accel-unit"
+        yield Finding("gravity-size", text, Severity.LOST, answer, numbers={"force_m_s2": force})
 
 
 def _hidden(axes: Sequence[Axis], rest: Rest) -> Iterator[Finding]:

@@ -123,6 +123,11 @@ def measure(
     starts = ", ".join(f"{one.start_s:.1f} s" for one in rest.stretches[:10])
     log_choice("rests", f"{rest.total_s:.1f} s in all, from {starts}")
     lags = at_rest.variances.terms > 0
+    force = float(np.median([np.linalg.norm(s.accel) for s in quiet.stretches]))
+    judged = findings(axes, fits, data, rest, at_rest, force)
+    # A finding about the rest includes that of the survey of the same kind
+    said = {finding.kind for finding in judged}
+    survey = (finding for finding in source.findings if finding.kind not in said)
     result = AllanResult(
         input=LogFile(str(path), source.log.size),
         imu=ImuTime.of(source),
@@ -130,7 +135,7 @@ def measure(
         averaging_s=at_rest.variances.lags[lags] * at_rest.interval,
         terms=at_rest.variances.terms[lags],
         axes=axes,
-        findings=(*source.findings, *findings(axes, fits, data, rest, at_rest), *lost.findings()),
+        findings=(*survey, *judged, *lost.findings()),
     )
     return LogNoise(result, tuple(fits), at_rest.variances.lags[lags], at_rest.lengths)
 

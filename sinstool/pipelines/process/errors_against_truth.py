@@ -67,12 +67,10 @@ def read_references(log_: Log, names: tuple[str, ...], body_axes: str) -> Truth:
     """
     references: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for name in names:
-        channels = tuple(log_.channels_of(name))
-        kind = channels[0].type if channels else ""
-        if kind in FIX_TYPES:
-            what, (times, rows) = "position", _fixes(log_, channels)
-        elif kind in VELOCITY_TYPES[:2]:
-            what, (times, rows) = "velocity", _velocity(log_, channels)
+        if fixes := tuple(log_.channels_of(name, *FIX_TYPES)):
+            what, (times, rows) = "position", _fixes(log_, fixes)
+        elif velocities := tuple(log_.channels_of(name, *VELOCITY_TYPES[:2])):
+            what, (times, rows) = "velocity", _velocity(log_, velocities)
         else:
             what = "attitude"
             times, rows = read_truth(log_, name, body_axes)

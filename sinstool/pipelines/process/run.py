@@ -13,7 +13,7 @@ from typing import cast
 
 from sinstool.config import ProcessConfig
 from sinstool.core.choices import log_choice
-from sinstool.core.errors import AlignmentError
+from sinstool.core.errors import AlignmentError, in_log
 from sinstool.core.progress import Progress, share
 from sinstool.io.readers import open_log
 from sinstool.pipelines.log_used import ImuTime, Lost
@@ -59,7 +59,11 @@ def process(
     SinstoolError
         With one line that says what was wrong and what to do; no output is left behind.
     """
-    with open_log(path, config.input.salvage) as log, Output(log, output, config, sink) as written:
+    with (
+        in_log(path),
+        open_log(path, config.input.salvage) as log,
+        Output(log, output, config, sink) as written,
+    ):
         log.references = frozenset(config.output.truth)
         log_choice("log", f"{path}, {log.format}, {log.size / 1e6:.1f} MB")
         if config.hse.hse is not None:
@@ -83,7 +87,7 @@ def plan_of(path: Path, config: ProcessConfig, progress: Progress | None = None)
     SinstoolError
         It would refuse the log: with the reason and what to do.
     """
-    with open_log(path, config.input.salvage) as log:
+    with in_log(path), open_log(path, config.input.salvage) as log:
         log.references = frozenset(config.output.truth)
         if config.hse.hse is not None:
             from sinstool.pipelines.process.turntable import plan_turntable

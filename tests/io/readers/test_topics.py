@@ -215,6 +215,20 @@ def test_our_own_topics_are_not_taken_for_sensors(tmp_path):
     assert "no sensor_msgs/Imu topic" in refused(write_log(tmp_path / "b.mcap", ours))
 
 
+def test_a_topic_with_other_types_beside_the_imu(tmp_path):
+    """Two nodes publish on one topic: a sensor's messages are those of its type."""
+    mixed = [fix("/imu", TIMES[0]), *imu("/imu")]
+    path = write_log(tmp_path / "a.mcap", mixed)
+    for name in (None, "/imu"):
+        topic = chosen(path, name)
+        assert [c.type for c in topic.channels] == [IMU]
+    with open_log(path) as log:
+        (channel,) = choose_optional(log, "--gnss-topic", None, FIX_TYPE)
+        assert channel.type == FIX_TYPE and channel.topic == "/imu"
+        blocks = list(read_imu(log, topic.channels, ImuUnits(), Losses()))
+    assert sum(map(len, blocks)) == len(TIMES)
+
+
 def test_no_imu_says_what_there_is(tmp_path):
     text = refused(write_log(tmp_path / "a.mcap", [fix("/fix", TIMES[0])]))
     assert "no sensor_msgs/Imu topic" in text and FIX_TYPE in text
