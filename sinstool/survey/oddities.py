@@ -112,7 +112,15 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f"{counted(o.late, 'sample')} came too late in the file to be sorted; left out",
             Severity.LOST,
         )
-    if s.gap_count:
+    if options.max_gap is not None and 2 * s.gap_count > s.count:
+        yield Finding(
+            "short-max-gap",
+            f"topic {s.topic}: with --max-gap {options.max_gap:g} most of the log would be gaps, as"
+            f" samples are {s.interval_ns / 1e6:.4g} ms apart",
+            answer="give the longest interval to integrate across, in seconds, or leave it out",
+            severity=Severity.FAILED,
+        )
+    elif s.gap_count:
         yield found_gaps(s, s.max_gap_ns)
     if s.missed:
         yield Finding(

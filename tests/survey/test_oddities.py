@@ -179,6 +179,15 @@ def test_slow_topics_are_refused(findings_of, rate):
     assert "slow-imu" not in findings_of(imu_messages(times, gyro, accel), imu_rate=100.0)
 
 
+@pytest.mark.parametrize("max_gap", [1e-4, 0.009])
+def test_gaps_shorter_than_the_interval_are_refused(findings_of, max_gap):
+    """Nothing would be left to integrate, nor two samples in a row to measure noise with."""
+    rows = imu_messages(even_times(60, 100.0), *resting(60))
+    odd = findings_of(rows, max_gap=max_gap)["short-max-gap"]
+    assert is_fatal(odd) and "10 ms apart" in odd.text and f"--max-gap {max_gap:g}" in odd.text
+    assert "short-max-gap" not in findings_of(rows, max_gap=0.01)
+
+
 def test_deg_s(rows, findings_of):
     rows.gyro *= 180.0 / np.pi
     odd = findings_of(rows)["gyro-unit"]

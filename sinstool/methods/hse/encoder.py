@@ -18,6 +18,7 @@ from itertools import pairwise
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.english import counted
 from sinstool.core.errors import AlignmentError
 from sinstool.core.parts import njit
 from sinstool.methods.hse.rig import EncoderModel
@@ -151,7 +152,8 @@ def _tracks(
         raise ValueError(f"{len(times)} encoder stamps, but readings of shape {position.shape}")
     if len(times) < 2:
         raise AlignmentError(
-            f"the encoder has {len(times)} readings", "give the topic of the table's angle"
+            f"the encoder has {counted(len(times), 'reading')}",
+            "give the topic of the table's angle",
         )
     bad = int(np.count_nonzero(~np.isfinite(position)))
     if bad:

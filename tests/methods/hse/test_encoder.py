@@ -183,7 +183,7 @@ def test_faults_are_told():
         table_angle(ns(gyro), back, angle, model)
     with pytest.raises(AlignmentError, match="1 encoder readings are not finite"):
         table_angle(ns(gyro), ns(at), np.where(np.arange(len(at)) == 3, np.nan, angle), model)
-    with pytest.raises(AlignmentError, match="has 1 readings"):
+    with pytest.raises(AlignmentError, match="has 1 reading"):
         table_angle(ns(gyro), ns(at[:1]), angle[:1], model)
     with pytest.raises(AlignmentError, match="same stamp"):
         table_angle(ns(gyro), ns(at[[0, 0]]), angle[:2], model)
