@@ -102,8 +102,11 @@ def main() -> None:
         warnings.simplefilter("ignore", RuntimeWarning)
     warnings.showwarning = _warn
     _end_well_on_signals()
+    _open_standard_streams()
     if type(sys.stdout) is io.TextIOWrapper:
         sys.stdout = cast(TextIO, _StandardOutput(sys.stdout))
+    if type(sys.stderr) is io.TextIOWrapper:
+        sys.stderr = cast(TextIO, _StandardError(sys.stderr))
     try:
         with completed_outputs() as outputs:
             _run(outputs)
@@ -122,6 +125,16 @@ def _warn(message: Warning | str, category: type[Warning], *where: Any, **more: 
         warn(str(message))
     else:
         _show_warning(message, category, *where, **more)
+
+
+def _open_standard_streams() -> None:
+    """Discard what goes to standard streams that were closed when the process was started.
+
+    Otherwise files would get their numbers, and words that go there none.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - to the end
 
 
 class _StandardOutput:
@@ -166,6 +179,22 @@ class _StandardOutput:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self._stream.fileno())
         os.close(nowhere)
+
+
+class _StandardError(_StandardOutput):
+    """Standard error, which discards what it has no room for: results do not depend on it."""
+
+    def write(self, text: str) -> int:
+        with self._until_closed():
+            self._stream.write(text)
+        return len(text)
+
+    @contextmanager
+    def _until_closed(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError:
+            self.end()
 
 
 _ENDING = tuple(getattr(signal, n) for n in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, n))

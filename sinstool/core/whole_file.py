@@ -48,6 +48,8 @@ def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
     ------
     OutputError
     """
+    if str(output) == "-":
+        raise OutputError("files are not written to standard output", "give the name of one")
     # For example: no permission to search a folder, or a name too long for the file system
     with _as_output_error(f"cannot write {output}", "choose another -o"):
         # A symbolic link is kept, and its target is written.

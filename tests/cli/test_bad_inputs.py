@@ -86,6 +86,7 @@ def test_output_is_the_input(sinstool, log, options, way):
         ("/proc/out.mcap", "/proc"),  # not even root writes there
         ("nowhere/out.mcap", "does not exist"),
         ("logs", "is a folder"),
+        ("-", "standard output"),
         ("logs/good.mcap/out.mcap", "does not exist"),
     ],
 )

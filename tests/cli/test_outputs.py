@@ -257,6 +257,41 @@ def test_a_closed_pipe_is_no_failure(arguments):
     assert (done.returncode, done.stderr) == (0, "")
 
 
+def closing(*numbers):
+    """What closes standard streams in a process, as a shell does by `>&-`."""
+    return lambda: [os.close(number) for number in numbers]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="descriptors are closed as a shell does it")
+@pytest.mark.parametrize("closed", [(1,), (2,), (0, 1, 2)], ids=str)
+def test_closed_standard_streams_cost_no_output(tmp_path, closed):
+    out = tmp_path / "out.mcap"
+    command = [*PROGRAM, "process", str(CONING), "-o", str(out)]
+    done = subprocess.run(command, preexec_fn=closing(*closed), capture_output=True, text=True)
+    assert done.returncode == 0 and "Traceback" not in done.stderr
+    assert names(tmp_path) == ["out.mcap"]
+    command = [*PROGRAM, "info", str(tmp_path / "none.mcap")]
+    done = subprocess.run(command, preexec_fn=closing(*closed), capture_output=True, text=True)
+    assert done.returncode == 1 and "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("other", ["closed pipe", "full"])
+def test_messages_that_find_no_room_cost_no_output(tmp_path, other):
+    """A pipe of both streams to `head`, and a log file on a full disk."""
+    if other == "full" and not Path("/dev/full").exists():
+        pytest.skip("no /dev/full here")
+    reader, writer = os.pipe()
+    os.close(reader)
+    stream = os.open("/dev/full", os.O_WRONLY) if other == "full" else writer
+    command = [*PROGRAM, "process", str(CONING), "-o", str(tmp_path / "out.mcap")]
+    done = subprocess.run(command, stdout=subprocess.DEVNULL, stderr=stream)
+    assert done.returncode == 0
+    assert names(tmp_path) == ["out.mcap"]
+    done = subprocess.run([*PROGRAM, "info", "none.mcap"], stderr=stream, cwd=tmp_path)
+    assert done.returncode == 1
+    os.close(writer)
+
+
 # -- what is asked for is written together --------------------------------------------------------
 
 
