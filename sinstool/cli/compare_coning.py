@@ -52,7 +52,9 @@ def command(
     if show:
         print_config(config, *COMPARISON_OPTIONS)
         return 0
-    if paper == bool(logs):
+    if paper and logs:
+        raise click.UsageError("--paper simulates its own motion: leave it out, or the LOG")
+    if not paper and not logs:
         raise click.UsageError("give a LOG to compare on, or --paper")
     from sinstool.cli import compare_run
     from sinstool.core.whole_file import check_new_folder

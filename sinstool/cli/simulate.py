@@ -137,6 +137,8 @@ def _many(
     from sinstool.report.text.table import columns
     from sinstool.simulation.make import LogFiles, name_of, simulate_one
 
+    if output.suffix.lower() == ".mcap" and not output.is_dir():
+        raise click.UsageError(f"-o {output}: with --monte-carlo give a folder for the logs")
     folder = output.absolute()
     seeds = range(scenario.seed, scenario.seed + count)
     width = max(DIGITS, len(str(seeds[-1])))

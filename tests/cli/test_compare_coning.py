@@ -262,7 +262,7 @@ def test_wrong_options_are_answered(compare, moving, arguments, message):
     ("arguments", "message"),
     [
         ((), "give a LOG"),
-        ((SAMPLE, "--paper"), "give a LOG"),
+        ((SAMPLE, "--paper"), "leave it out, or the LOG"),
         ((SAMPLE, "--decimate", "0"), "--decimate 0: must be greater than or equal to 1"),
         ((SAMPLE, "--decimate", "two"), "'two' is not whole numbers separated by commas"),
         ((SAMPLE, "--window", "0"), "--window 0.0: must be greater than 0"),

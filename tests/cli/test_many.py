@@ -414,6 +414,10 @@ def test_monte_carlo(sinstool, tmp_path):
     assert [line.split()[0] for line in printed.splitlines()[1:5]] == ["failed"] * 3 + ["done"]
     status, _, err = sinstool(*scenario, "-o", alone, "-j", 2)
     assert status == 2 and "--monte-carlo" in err
+    # nor does a folder get the name of a log
+    file = tmp_path / "new.mcap"
+    status, _, err = sinstool(*scenario, "-o", file, "--monte-carlo", 4)
+    assert status == 2 and "give a folder" in err and not file.exists()
 
 
 def test_the_base_needs_neither_dask_nor_plotly():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sinstool.core.english import counted
 from sinstool.pipelines.export.result import ExportResult
 
 
@@ -22,8 +23,8 @@ def summary_rows(result: ExportResult, verbose: bool) -> list[tuple[str, str]]:
     if note := _note(result):
         rows.append(note)
     columns = f", {len(file.columns)} columns" if file.columns else ""
-    what = "points" if file.format in ("kml", "gpx", "geojson") else "rows"
-    rows.append(("written", f"{file.path}: {file.rows} {what}{columns}"))
+    what = "point" if file.format in ("kml", "gpx", "geojson") else "row"
+    rows.append(("written", f"{file.path}: {counted(file.rows, what)}{columns}"))
     if verbose and file.columns:
         rows.append(("columns", ", ".join(file.columns)))
     return rows
