@@ -20,7 +20,7 @@ from sinstool.cli.batch import (
     with_full_names,
     workers_options,
 )
-from sinstool.cli.console import Choice, progress_bar
+from sinstool.cli.console import Choice, PathName, progress_bar
 from sinstool.cli.help import Command, Option
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import ALIGN_OPTIONS, ProcessConfig
@@ -34,7 +34,7 @@ AXES = ("north", "east", "down")
 
 
 @click.command("align", cls=Command, first=MAIN, epilog=EXIT_HELP)
-@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, type=PathName(), metavar="LOG...")
 @workers_options("one for each core")
 @config_options(*ALIGN_OPTIONS)
 @click.option(

@@ -18,7 +18,7 @@ from sinstool.cli.batch import (
     with_full_names,
     workers_options,
 )
-from sinstool.cli.console import Choice, print_json, progress_bar
+from sinstool.cli.console import Choice, PathName, print_json, progress_bar
 from sinstool.cli.help import Command
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import ALLAN_OPTIONS, ProcessConfig
@@ -33,7 +33,7 @@ HEADER = ("rest s", "longest s", "gyro deg/sqrt(h)", "deg/h", "accel ug/sqrt(Hz)
 
 
 @click.command("allan", cls=Command, first=MAIN, epilog=EXIT_HELP)
-@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, type=PathName(), metavar="LOG...")
 @workers_options("one for each core")
 @config_options(*ALLAN_OPTIONS)
 @path_option("-o", "--output", metavar="FILE",

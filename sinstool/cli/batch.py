@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import click
 
-from sinstool.cli.console import F, print_json, verbose_option, warn
+from sinstool.cli.console import F, PathName, print_json, verbose_option, warn
 from sinstool.cli.help import Option
 from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding, Severity
@@ -48,7 +48,7 @@ def workers_options(default: str) -> Callable[[F], F]:
                 "certificate of the authority that signed a tls:// cluster's certificates",
             ),
         ):
-            kind = click.Path(exists=True, dir_okay=False, path_type=Path)
+            kind = PathName(exists=True, dir_okay=False)
             function = click.option(
                 name, cls=Option, section="Many logs", type=kind, metavar="FILE", help=text
             )(function)

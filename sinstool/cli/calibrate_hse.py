@@ -10,7 +10,7 @@ import click
 
 from sinstool.campaign.inputs import expand
 from sinstool.cli.batch import BatchOptions, batch_options, workers_of, workers_options
-from sinstool.cli.console import print_json, progress_bar, warn
+from sinstool.cli.console import PathName, print_json, progress_bar, warn
 from sinstool.cli.help import Command, Option
 from sinstool.cli.options import Words, config_options, effective_config, path_option, print_config
 from sinstool.config import ProcessConfig
@@ -29,7 +29,7 @@ PLAN = "With --plan"
 
 
 @click.command("calibrate-hse", cls=Command, first=MAIN)
-@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, type=PathName(), metavar="LOG...")
 @path_option("-o", "--output", text="calibration to write (JSON)")
 @workers_options("1")
 @config_options(*CALIBRATION_OPTIONS)

@@ -9,7 +9,7 @@ import click
 
 from sinstool.campaign.inputs import are_many
 from sinstool.cli.batch import EXIT_HELP, BatchOptions, batch_options, warn_of, workers_options
-from sinstool.cli.console import print_json, progress_bar
+from sinstool.cli.console import PathName, print_json, progress_bar
 from sinstool.cli.help import Command
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config.coning import COMPARISON_OPTIONS, check_comparison
@@ -18,7 +18,7 @@ MAIN = ("comparison__algorithms", "report", "csv_dir", "overwrite", "paper")
 
 
 @click.command("compare-coning", cls=Command, first=MAIN, epilog=EXIT_HELP)
-@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="[LOG]...")
+@click.argument("logs", nargs=-1, type=PathName(), metavar="[LOG]...")
 @workers_options("one for each core")
 @click.option("--paper", is_flag=True, help="re-run the published experiment; needs no log")
 @config_options(*COMPARISON_OPTIONS)

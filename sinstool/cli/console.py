@@ -7,6 +7,7 @@ import logging
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
@@ -31,6 +32,19 @@ class Choice(click.Choice):
         text = f"'{value}' is not one of {', '.join(map(str, self.choices))}"
         near = nearest(str(value), map(str, self.choices))
         return f"{text}; {near}" if near else text
+
+
+class PathName(click.Path):
+    """The name of a file or folder; empty, as of a variable that is not set, it is refused."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(path_type=Path, **options)
+
+    def convert(self, value: Any, *where: Any) -> Any:
+        """Refuse the empty name, which would be the folder that the command runs in."""
+        if value == "":
+            self.fail("the name is empty", *where)
+        return super().convert(value, *where)
 
 
 class Group(click.Group):

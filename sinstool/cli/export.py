@@ -11,7 +11,7 @@ import click
 from sinstool.campaign.inputs import are_many, find_logs, output_paths
 from sinstool.cli import many
 from sinstool.cli.batch import EXIT_HELP, BatchOptions, batch_options, show_result, workers_options
-from sinstool.cli.console import progress_bar
+from sinstool.cli.console import PathName, progress_bar
 from sinstool.cli.help import Command
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import EXPORT_OPTIONS, ProcessConfig
@@ -22,7 +22,7 @@ HEADER = ("frame", "rows", "of")
 
 
 @click.command("export", cls=Command, first=MAIN, epilog=EXIT_HELP)
-@click.argument("results", nargs=-1, type=click.Path(path_type=Path), metavar="RESULT...")
+@click.argument("results", nargs=-1, type=PathName(), metavar="RESULT...")
 @path_option("-o", "--output", text="file to write (.csv, .parquet, .tum, .kml, .gpx, .geojson); a"
              " folder for many results")  # fmt: skip
 @workers_options("one for each core")

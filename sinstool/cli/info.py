@@ -17,7 +17,7 @@ from sinstool.cli.batch import (
     with_full_names,
     workers_options,
 )
-from sinstool.cli.console import print_json, progress_bar
+from sinstool.cli.console import PathName, print_json, progress_bar
 from sinstool.cli.help import Command
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import INFO_OPTIONS, ProcessConfig
@@ -26,7 +26,7 @@ HEADER = ("duration s", "IMU samples", "Hz", "gaps", "mode", "first attitude", "
 
 
 @click.command("info", cls=Command, first=("report", "overwrite"), epilog=EXIT_HELP)
-@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, type=PathName(), metavar="LOG...")
 @workers_options("one for each core")
 @config_options(*INFO_OPTIONS)
 @path_option("--report", metavar="FILE.html",

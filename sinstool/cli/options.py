@@ -11,7 +11,7 @@ import click
 from pydantic.fields import FieldInfo
 
 from sinstool.cli.complete import completion
-from sinstool.cli.console import Choice
+from sinstool.cli.console import Choice, PathName
 from sinstool.cli.help import Option
 from sinstool.config import ProcessConfig, load
 from sinstool.core.options import Group
@@ -76,7 +76,7 @@ class Words(click.ParamType):
 
 def path_option(*names: str, text: str, metavar: str | None = None) -> Callable[[F], F]:
     """Decorator: an option that names a file or a folder."""
-    return click.option(*names, type=click.Path(path_type=Path), metavar=metavar, help=text)
+    return click.option(*names, type=PathName(), metavar=metavar, help=text)
 
 
 def config_options(*paths: str, model: type[Group] = ProcessConfig) -> Callable[[F], F]:

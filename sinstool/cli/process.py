@@ -20,7 +20,7 @@ from sinstool.cli.batch import (
     with_full_names,
     workers_options,
 )
-from sinstool.cli.console import print_json, progress_bar, warn
+from sinstool.cli.console import PathName, print_json, progress_bar, warn
 from sinstool.cli.help import Command
 from sinstool.cli.options import config_options, effective_config, path_option, print_config
 from sinstool.config import PROCESS_OPTIONS, ProcessConfig
@@ -40,7 +40,7 @@ HEADER = ("samples", "Hz", "gaps", "roll", "pitch", "heading deg", "warnings")
 
 
 @click.command("process", cls=Command, first=MAIN, epilog=EXIT_HELP)
-@click.argument("logs", nargs=-1, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, type=PathName(), metavar="LOG...")
 @path_option("-o", "--output", text="MCAP file to write; a folder for many logs")
 @workers_options("one for each core")
 @config_options(*PROCESS_OPTIONS)

@@ -11,7 +11,7 @@ from pydantic import create_model
 
 from sinstool.cli import many
 from sinstool.cli.batch import BatchOptions, batch_options, workers_of, workers_options
-from sinstool.cli.console import Group, print_json
+from sinstool.cli.console import Group, PathName, print_json
 from sinstool.cli.help import Command
 from sinstool.cli.options import config_options, effective, path_option, print_config
 from sinstool.core.options import Group as Options
@@ -176,7 +176,7 @@ def _topics(written: dict[str, Any]) -> str:
 
 _RIG_OUT = click.Option(
     ["--rig-out"],
-    type=click.Path(path_type=Path),
+    type=PathName(),
     metavar="RIG.toml",
     help="also write the rig as its user believes it to be, for --config",
 )

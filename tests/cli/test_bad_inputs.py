@@ -145,3 +145,16 @@ def test_ctrl_c(large, tmp_path, when):
     assert one_line(stderr.decode()) == "sinstool: interrupted; nothing was written"
     assert stdout == b""
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["info", "process", "align", "allan", "compare-coning", "export"])
+def test_an_empty_name_is_not_the_current_folder(sinstool, log, monkeypatch, name):
+    """Where a variable of a shell is not set."""
+    monkeypatch.chdir(log.parent)
+    status, out, err = sinstool(
+        name, "", "-o" if name in ("process", "export") else "--report", "o"
+    )
+    assert (status, out) == (2, "") and "the name is empty" in one_line(err)
+    option = "-o" if name in ("process", "export") else "--report"
+    status, out, err = sinstool(name, log, option, "")
+    assert (status, out) == (2, "") and "the name is empty" in one_line(err)

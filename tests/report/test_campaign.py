@@ -82,6 +82,7 @@ def test_throughput(entries):
         " times the speed at which it was recorded."
     )
     assert throughput(entries[2:3], 0.5).endswith("none of them had to be computed.")
+    assert throughput([entry("a", status="failed")], 0.5) == "This run took 0.5 s for 1 log."
 
 
 def test_two_hundred_pages_stay_below_sixty_megabytes(tmp_path):

@@ -131,7 +131,8 @@ def throughput(entries: Sequence[Entry], seconds: float) -> str:
     text = f"This run took {duration(float(f'{seconds:.3g}'))} for {len(entries)} {logs}"
     data = sum(one.travelled("duration_s") or 0.0 for one in done)
     if not done or seconds <= 0.0:
-        return f"{text}; none of them had to be computed." if not done else f"{text}."
+        rest = all(one.status == "complete" for one in entries) and not done
+        return f"{text}; none of them had to be computed." if rest else f"{text}."
     were = "was" if len(done) == 1 else "were"
     of = "" if len(done) == len(entries) else f", of which {len(done)} {were} computed"
     return (
