@@ -70,3 +70,8 @@ def slow(folder):
 
 def not_a_number(folder):
     return imu_log(folder / "nan.mcap", even_times(9), [np.nan] * 3, [0.0, 0, 9.8]), "hold NaN"
+
+
+UNREADABLE = [missing, empty, text, cut]
+REFUSED = [ambiguous, deg_s, in_g, slow, no_imu, not_a_number]
+ALL = [*UNREADABLE, directory, *REFUSED]

@@ -9,7 +9,7 @@ import pytest
 from sinstool.cli.main import cli
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
-from tests.cli.one_line import one_line, usage
+from tests.helpers.one_line import one_line, usage
 from tests.helpers.paths import ROOT
 
 WRONG = {

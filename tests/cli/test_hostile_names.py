@@ -12,9 +12,8 @@ from mcap.reader import make_reader
 from sinstool.cli.main import _StandardOutput
 from tests.helpers.imulogs import even_times, imu_messages, resting, serialised, write_log
 from tests.helpers.logs import Row, rows, write_db3
-from tests.helpers.paths import ROOT
+from tests.helpers.paths import PROGRAM, ROOT
 
-PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 # Clears a screen, sets a title, rings, begins a line of its own, turns the direction of text
 EVIL = "/imu\x1b[2J\x1b]0;owned\x07\r\nsinstool: done\u202egnp"
 FRAME = "imu\x1b[31m\nsinstool: forged\u2066"

@@ -8,7 +8,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from importlib import metadata
 from pathlib import Path
@@ -19,9 +18,8 @@ import pytest
 from sinstool.core.errors import OutputError
 from sinstool.pipelines.provenance import read_record
 from tests.helpers.imulogs import even_times, handheld, imu_log
-from tests.helpers.paths import ROOT
+from tests.helpers.paths import PROGRAM, ROOT
 
-PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 HSE = ROOT / "sample_data" / "hse"
 
 

@@ -20,10 +20,10 @@ import pytest
 
 from benchmarks import killed_runs
 from sinstool.core import whole_file as whole
-from tests.helpers.paths import ROOT
+from tests.helpers.one_line import last_words
+from tests.helpers.paths import PROGRAM, ROOT
 
 SAMPLES = ROOT / "sample_data"
-PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
 # Root writes anywhere, unless it gives that right away.
 RIGHTS = "-dac_override,-dac_read_search"
 UNPRIVILEGED = (
@@ -38,13 +38,6 @@ TURNS = [SAMPLES / "hse" / f"a-{n}.mcap" for n in ("020", "110")]
 def run(*arguments, **options):
     command = [*PROGRAM, *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=300, **options)
-
-
-def one_line(stderr):
-    assert "Traceback" not in stderr, stderr
-    lines = [line for line in stderr.strip().split("\n") if not line.startswith("warning: ")]
-    assert len(lines) == 1, stderr
-    return lines[0]
 
 
 @functools.cache
@@ -153,7 +146,7 @@ def test_a_full_disk_takes_one_line_and_leaves_nothing(small_disk, name):
     filler = small_disk / "filler"
     filler.write_bytes(bytes(5 * 2**20 - ROOM[name]))
     done = run(*arguments)
-    message = one_line(done.stderr)
+    message = last_words(done.stderr)
     assert done.returncode == 1
     assert message.startswith("sinstool: ")
     assert message.endswith(
@@ -185,7 +178,7 @@ def test_files_that_may_not_grow(tmp_path, name):
     assert run(*COMMANDS[name](first)[0]).returncode == 0
     done = run(*COMMANDS[name](second)[0], preexec_fn=small_files)
     assert done.returncode == 1
-    assert one_line(done.stderr).endswith("failed: File too large")
+    assert last_words(done.stderr).endswith("failed: File too large")
     assert names(second) == []
 
 
@@ -205,7 +198,7 @@ def full_output(*arguments):
             [*PROGRAM, *map(str, arguments)], stdout=full, stderr=subprocess.PIPE, text=True
         )
     assert done.returncode == 1
-    return one_line(done.stderr)
+    return last_words(done.stderr)
 
 
 @pytest.mark.slow
@@ -319,7 +312,7 @@ def test_without_its_report_there_is_no_output(tmp_path):
         [sys.executable, "-c", code, *map(str, arguments)], capture_output=True, text=True
     )
     assert done.returncode == 1
-    assert f"the folder {pages} does not exist" in one_line(done.stderr)
+    assert f"the folder {pages} does not exist" in last_words(done.stderr)
     assert names(tmp_path) == []
 
 
@@ -368,7 +361,7 @@ def test_a_link_stays_one_and_what_it_leads_to_is_written(tmp_path):
     assert run("process", CONING, "-o", out).returncode == 0
     assert out.is_symlink() and real.stat().st_size > 1000
     refused = run("process", CONING, "-o", out)
-    assert refused.returncode == 1 and "exists already" in one_line(refused.stderr)
+    assert refused.returncode == 1 and "exists already" in last_words(refused.stderr)
     assert run("process", CONING, "-o", out, "--overwrite").returncode == 0
     assert names(tmp_path) == ["disk", "disk/real.mcap", "out.mcap"]
     assert out.is_symlink()
@@ -377,7 +370,7 @@ def test_a_link_stays_one_and_what_it_leads_to_is_written(tmp_path):
 def test_a_device_is_no_output():
     done = run("process", CONING, "-o", "/dev/null", "--overwrite")
     assert done.returncode == 1
-    assert "is a device or a pipe" in one_line(done.stderr)
+    assert "is a device or a pipe" in last_words(done.stderr)
     assert not Path("/dev/null").is_file()
 
 
@@ -388,7 +381,7 @@ def test_a_folder_that_may_only_be_read(small_disk):
     for arguments, _ in (make(small_disk) for make in COMMANDS.values()):
         done = run(*arguments)
         assert done.returncode == 1
-        message = one_line(done.stderr)
+        message = last_words(done.stderr)
         assert "cannot be written to" in message or "Read-only file system" in message
     assert names(small_disk) == []
 
@@ -401,7 +394,7 @@ def test_a_folder_without_permission(tmp_path, command):
         [*UNPRIVILEGED, *PROGRAM, *map(str, arguments)], capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 1
-    assert "cannot be written to" in one_line(done.stderr)
+    assert "cannot be written to" in last_words(done.stderr)
     assert names(tmp_path / "locked") == []
 
 
@@ -412,7 +405,7 @@ def test_long_names(tmp_path, length):
     done = run("process", CONING, "-o", out)
     if length > 255:
         assert done.returncode == 1
-        assert one_line(done.stderr).endswith("File name too long: choose another -o")
+        assert last_words(done.stderr).endswith("File name too long: choose another -o")
     assert [p.name for p in tmp_path.iterdir()] == ([out.name] if length <= 255 else [])
 
 
@@ -427,7 +420,7 @@ def test_a_log_is_not_overwritten_by_its_report(tmp_path):
     ):
         done = run(*arguments, "--report", link, "--overwrite")
         assert done.returncode == 1
-        assert "is the input itself" in one_line(done.stderr)
+        assert "is the input itself" in last_words(done.stderr)
     assert log.read_bytes() == CONING.read_bytes()
 
 
@@ -465,7 +458,7 @@ def test_ended_by_a_signal(writing, number, twice):
         run.send_signal(number)
     stdout, stderr = run.communicate(timeout=60)
     assert run.returncode == 130, stderr
-    assert one_line(stderr) == "sinstool: interrupted; nothing was written"
+    assert last_words(stderr) == "sinstool: interrupted; nothing was written"
     assert stdout == ""
     assert names(command.folder) == []
 

@@ -3,25 +3,12 @@
 import json
 import re
 import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 from sinstool.core.english import heading_text
-from tests.cli.bad_logs import (
-    ambiguous,
-    cut,
-    deg_s,
-    empty,
-    in_g,
-    missing,
-    no_imu,
-    not_a_number,
-    slow,
-    text,
-)
-from tests.cli.one_line import one_line
+from tests.cli import bad_logs
 from tests.helpers.imulogs import (
     REAL,
     even_times,
@@ -30,8 +17,8 @@ from tests.helpers.imulogs import (
     write_log,
 )
 from tests.helpers.logs import real
-
-PROGRAM = [sys.executable, "-c", "from sinstool.cli.main import main; main()"]
+from tests.helpers.one_line import one_line
+from tests.helpers.paths import PROGRAM
 
 
 @pytest.mark.parametrize(
@@ -131,7 +118,7 @@ def test_something_lost(sinstool, tmp_path):
     assert status == 3
     assert json.loads(out)["lost"]["malformed"] == 1
     assert "1 message does not fit" in err
-    path, _ = cut(tmp_path)
+    path, _ = bad_logs.cut(tmp_path)
     status, out, err = sinstool("process", path, "-o", tmp_path / "b.out.mcap")
     assert status == 1 and err.count("\n") == 1
     assert f"`sinstool process {path} -o {tmp_path / 'b.out.mcap'} --salvage`" in err
@@ -168,7 +155,7 @@ def test_info_on_every_real_log(sinstool, path):
 
 
 def test_info_says_what_process_would_say(sinstool, tmp_path):
-    for make in (ambiguous, deg_s, in_g, slow, no_imu, not_a_number):
+    for make in bad_logs.REFUSED:
         path, expected = make(tmp_path)
         status, out, err = sinstool("info", path)
         assert (status, err) == (0, "")
@@ -178,7 +165,7 @@ def test_info_says_what_process_would_say(sinstool, tmp_path):
         assert status == 0 and not verdict["possible"] and expected in verdict["why"]
 
 
-@pytest.mark.parametrize("make", [missing, empty, text, cut], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("make", bad_logs.UNREADABLE, ids=lambda f: f.__name__)
 def test_info_refuses_what_is_no_log(sinstool, tmp_path, make):
     path, expected = make(tmp_path)
     status, out, err = sinstool("info", path)

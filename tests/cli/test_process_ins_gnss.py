@@ -8,9 +8,9 @@ from click.testing import CliRunner
 from sinstool.cli.main import cli
 from sinstool.core.errors import ConfigurationError, TopicError
 from sinstool.io.readers import open_log
-from tests.cli.one_line import one_line
 from tests.helpers.filter_logs import CAUSES, simulated
 from tests.helpers.logs import real
+from tests.helpers.one_line import one_line
 
 
 def process(log, out, *options):

@@ -5,10 +5,10 @@ import tomllib
 
 import pytest
 
-from tests.cli.one_line import one_line
 from tests.helpers.imulogs import (
     read_topic,
 )
+from tests.helpers.one_line import one_line
 
 
 @pytest.mark.parametrize(

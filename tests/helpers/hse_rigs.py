@@ -37,14 +37,6 @@ def sinstool(*arguments):
     return status, out.getvalue(), err.getvalue()
 
 
-def one_line(err):
-    """The last line of what was said, which tells the failure, and no warning."""
-    lines = [line for line in err.strip().split("\n") if not line.startswith("warning: ")]
-    assert len(lines) == 1, err
-    assert lines[0].startswith("sinstool: ")
-    return lines[0]
-
-
 def simulate(folder, name, **config):
     """A log and its rig; options of `simulate hse-rig` by their names."""
     options = {

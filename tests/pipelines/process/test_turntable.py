@@ -14,12 +14,12 @@ from tests.helpers.hse_rigs import (
     WITHOUT_OFFSET,
     arcsec,
     edited,
-    one_line,
     simulate,
     sinstool,
     wrapped,
 )
 from tests.helpers.imulogs import read_attitude, read_topic
+from tests.helpers.one_line import last_words
 
 CALIBRATION = {"min_turns": 4, "min_duration": 15.0}
 # e1 - e2 + e3 is not 0: a constant heading that is no heading-sensitive error stays
@@ -110,7 +110,7 @@ def test_every_attitude_is_the_truth(calibrated, tmp_path):
     log, rig = log_at(tmp_path, "turning", 65, 0.9, "40,-40", epsilon, truth=True)
     # the same sum of errors, another K_g: the coefficient is the same, the rig is not
     status, _, err, out = process(tmp_path, log, rig, hse)
-    assert status == 2 and "another configuration" in one_line(err)
+    assert status == 2 and "another configuration" in last_words(err)
     assert not out.exists()
     status, printed, err, out = process(tmp_path, log, rig, hse, "--world", "ned", "--force")
     assert status == 0
@@ -157,7 +157,7 @@ def test_corrupt_or_foreign_calibration(calibrated, tmp_path):
             bad.write_text(text)
         status, _, err, _ = process(tmp_path, log, rig, bad)
         assert status == 2
-        assert message in one_line(err)
+        assert message in last_words(err)
         assert str(bad) in err
         assert list(tmp_path.glob("*.mcap*")) == []
 
@@ -178,14 +178,14 @@ def test_without_a_rig(calibrated, tmp_path):
     hse, _, (log, _) = calibrated
     status, _, err = sinstool("process", log, "-o", tmp_path / "o.mcap", "--hse", hse)
     assert status == 2
-    assert "[rig]" in one_line(err)
+    assert "[rig]" in last_words(err)
 
 
 def test_modes_of_a_vehicle_are_refused(calibrated, tmp_path):
     hse, _, (log, rig) = calibrated
     status, _, err, out = process(tmp_path, log, rig, hse, "--mode", "ins")
     assert status == 2
-    assert "--mode ins does not go with --hse" in one_line(err)
+    assert "--mode ins does not go with --hse" in last_words(err)
     assert not out.exists()
 
 
@@ -194,7 +194,7 @@ def test_nothing_to_align_on(calibrated, tmp_path):
     short = edited(rig, "long", calibration={"min_turns": 50})
     status, _, err, out = process(tmp_path, log, short, hse)
     assert status == 1
-    assert "50 whole ones are needed" in one_line(err)
+    assert "50 whole ones are needed" in last_words(err)
     assert not out.exists()
 
 

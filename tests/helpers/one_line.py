@@ -14,3 +14,8 @@ def usage(err):
     line = one_line(err)
     assert line.endswith(" --help")
     return line
+
+
+def last_words(err):
+    """The one line of an error behind warnings."""
+    return one_line("\n".join(x for x in err.split("\n") if not x.startswith("warning: ")))
