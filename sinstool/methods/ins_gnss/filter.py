@@ -20,7 +20,8 @@ from sinstool.methods.ins_gnss.constraints import (
     VehicleEstimate,
     vehicle_estimate,
 )
-from sinstool.methods.ins_gnss.loop import BRIDGE, run
+from sinstool.methods.ins_gnss.loop import run
+from sinstool.methods.ins_gnss.motion import BRIDGE
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import GYRO_AXES, LAND_VEHICLE, FilterKind
 from sinstool.methods.strapdown.followed_rates import followed_rates

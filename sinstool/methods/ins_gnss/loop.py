@@ -14,15 +14,16 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.parts import kernel, part
-from sinstool.core.quaternion_kernels import cross, dcm, wrapped_angle
-from sinstool.methods.height.channel import propagate, smooth_height
-from sinstool.methods.height.layout import S_BARO_BIAS, S_CORRECTION
-from sinstool.methods.ins_gnss import baro, instants, land_vehicle, layout
+from sinstool.core.quaternion_kernels import dcm, wrapped_angle
+from sinstool.methods.height.channel import propagate
+from sinstool.methods.height.layout import S_BARO_BIAS
+from sinstool.methods.ins_gnss import baro, instants, land_vehicle, layout, motion
 from sinstool.methods.ins_gnss.gnss import gnss_epoch
 from sinstool.methods.ins_gnss.layout import Memory, Model
 from sinstool.methods.ins_gnss.model import errors_of, radii
+from sinstool.methods.ins_gnss.motion import BRIDGE
+from sinstool.methods.ins_gnss.output_line import write_line
 from sinstool.methods.ins_gnss.states import ATTITUDE, I_BARO, I_GYRO_AXES, POSITION, VELOCITY
-from sinstool.methods.strapdown.followed_rates import FOLLOWED_S
 from sinstool.methods.strapdown.navigation import (
     HEIGHT,
     LATITUDE,
@@ -32,12 +33,9 @@ from sinstool.methods.strapdown.navigation import (
     V_NORTH,
     step,
 )
-from sinstool.methods.strapdown.navigation import SIZE as NAV_SIZE
 from sinstool.methods.strapdown.velocity import remove_bias
 
-BRIDGE = 0.05  # s, longest step within an IMU gap
 MAX_ROW_INTERVAL = 1.25  # s, longest time between rows for a smoother
-BESIDE = 0.5  # s, of the motion beside a gap that is longer than such a step
 ROUNDING = 1e-7  # s, of times and intervals: they are whole nanoseconds
 
 
@@ -113,78 +111,43 @@ def run(
     fix_next = 0
     baro_next = 0
     first_fix = 0
-    moved = m.moved
     constrained = grid.shape[0] > 0
     has_axes = model.where[I_GYRO_AXES] >= 0
     for k in range(len(time)):
         dt = interval[k]
         begin = time[k] - dt
         if m.started == 0.0:
-            m.started = 1.0
-            m.now = begin
-            m.row_at = begin
-            m.baro_at = begin
-            m.constrained_at = begin
-            m.used_at = -np.inf
-            m.seen_at[0] = np.inf
-            m.seen_at[1] = np.inf
-            m.sample_stamp = -np.inf
-            m.jump_at = -np.inf
-            m.distrust = -np.inf
-            m.restart_at = -np.inf
-            m.latest_fix[0] = np.nan
-            m.doubt = 1.0
-            instants.begin_substep(m)
-            for i in range(3):
-                m.rate[i] = phi[k, i] / dt
-                m.swing[i] = followed[k, i]
-                m.force[i] = dv[k, i] / dt
-                m.recent[i] = m.rate[i]
-                m.recent[3 + i] = m.force[i]
+            _begin(m, begin)
+            motion.begin(m, dt, phi[k], dv[k], followed[k])
             while fix_next < len(fix_time) and fix_time[fix_next] < begin:
                 fix_next += 1
                 m.dropped += 1.0
             first_fix = fix_next
-        bridges = 0
         gap = begin - m.now
-        if gap > 0.5 * dt + ROUNDING:
-            if gap <= model.max_gap:
-                bridges = ceil(gap / BRIDGE)
-                instants.record(m, events, layout.E_GAP, gap)
-            else:
-                instants.record(m, events, layout.E_GAP_RESTART, gap)
-                _carry_over(m, model, gap)
-                while fix_next < len(fix_time) and fix_time[fix_next] < begin - dt:
-                    # Fixes within the gap do not show where the vehicle is after it
-                    diagnoses[fix_next, layout.D_ROWS] = 0.0
-                    fix_next += 1
-        if bridges > 0:
-            instants.close_substep(m, model)
-            if bridges > 1:
-                # What a smoother corrects may be another thing on each side
-                instants.open_instant(m, model, stored)
-                instants.close_instant(m, model, stored)
+        bridges = 0
+        if gap > model.max_gap and gap > 0.5 * dt + ROUNDING:
+            instants.record(m, events, layout.E_GAP_RESTART, gap)
+            _carry_over(m, model, gap)
+            while fix_next < len(fix_time) and fix_time[fix_next] < begin - dt:
+                # Fixes within the gap do not show where the vehicle is after it
+                diagnoses[fix_next, layout.D_ROWS] = 0.0
+                fix_next += 1
+        elif gap > 0.5 * dt + ROUNDING:
+            bridges = ceil(gap / BRIDGE)
+            instants.record(m, events, layout.E_GAP, gap)
+            _close_side(m, model, stored, bridges)
             m.in_gap = 1.0
-            _motion_in_gap(m, gap, time, interval, phi, dv, k)
+            motion.bridge_gap(m, gap, time, interval, phi, dv, k)
 
         for bridge in range(bridges + 1):
             # Remove sensor errors
             if bridge < bridges:
                 d = gap / bridges
-                px, py, pz = d * m.bridge[0], d * m.bridge[1], d * m.bridge[2]
-                ux, uy, uz = d * m.bridge[3], d * m.bridge[4], d * m.bridge[5]
-                # An increment is in the axes of its start: those of samples hold half their turn
-                half = 0.5 * (1.0 - dt / d)
-                ax, ay, az = cross(px, py, pz, ux, uy, uz)
-                ux, uy, uz = ux + half * ax, uy + half * ay, uz + half * az
+                px, py, pz, ux, uy, uz = motion.in_gap(m, d, dt)
                 now = m.now + d
             else:
                 if bridges > 0:
-                    instants.close_substep(m, model)
-                    m.in_gap = 0.0
-                if bridges > 1:
-                    instants.open_instant(m, model, stored)
-                    instants.close_instant(m, model, stored)
+                    _close_side(m, model, stored, bridges)
                 d = dt
                 px, py, pz = phi[k, 0], phi[k, 1], phi[k, 2]
                 ux, uy, uz = dv[k, 0], dv[k, 1], dv[k, 2]
@@ -226,26 +189,20 @@ def run(
                 nav[HEIGHT] += dh
                 nav[V_DOWN] -= dw
             inverse = 1.0 / d
-            rate_x, rate_y, rate_z = px * inverse, py * inverse, pz * inverse
 
             share = model.baro_decay * d
             m.channel[S_BARO_BIAS] *= 1.0 - share + 0.5 * share * share
             while baro_next < len(baro_time) and baro_time[baro_next] <= now:
-                if model.has_network > 0.0:
-                    baro.network_sample(
-                        m,
-                        model,
-                        stored,
-                        events,
-                        channel_events,
-                        baro_time[baro_next],
-                        baro_height[baro_next],
-                        baro_reason[baro_next],
-                    )
-                if model.baro_row > 0.0:
-                    baro.note_difference(
-                        m, baro_time[baro_next], baro_height[baro_next], baro_reason[baro_next]
-                    )
+                _take_pressure(
+                    m,
+                    model,
+                    stored,
+                    events,
+                    channel_events,
+                    baro_time[baro_next],
+                    baro_height[baro_next],
+                    baro_reason[baro_next],
+                )
                 baro_next += 1
 
             # GNSS, and what is measured besides where it is due: with a fix rather than alone
@@ -267,26 +224,16 @@ def run(
                         baro.JUMP_ROWS,
                     )
             if fix_next < len(fix_time) and fix_time[fix_next] <= now:
-                # The motion over this update, without feedback of earlier instants
                 turn = wrapped_angle(nav[LONGITUDE] - lon0)
-                moved[0] = (nav[LATITUDE] - lat0) * inverse
-                moved[1] = turn * inverse
-                moved[2] = (nav[HEIGHT] - h0) * inverse
-                moved[3] = (nav[V_NORTH] - vn0) * inverse
-                moved[4] = (nav[V_NORTH + 1] - ve0) * inverse
-                moved[5] = (nav[V_DOWN] - vd0) * inverse
-                # Change over this update of the rate that swings the antenna: in long updates that
-                # of their mean rates, from the middle of the one before
-                smooth = dt > FOLLOWED_S
-                for i in range(3):
-                    before = m.rate[i] if smooth else m.swing[i]
-                    after = phi[k, i] / dt if smooth else followed[k, i]
-                    moved[6 + i] = (after - before) / dt if bridges == 0 else 0.0
-                m.rate[0], m.rate[1], m.rate[2] = rate_x, rate_y, rate_z
-                if bridge == bridges:
-                    for i in range(3):
-                        own = 0.5 * d * moved[6 + i] if smooth else followed[k, i] - phi[k, i] / dt
-                        m.rate[i] += own
+                m.moved[0] = (nav[LATITUDE] - lat0) * inverse
+                m.moved[1] = turn * inverse
+                m.moved[2] = (nav[HEIGHT] - h0) * inverse
+                m.moved[3] = (nav[V_NORTH] - vn0) * inverse
+                m.moved[4] = (nav[V_NORTH + 1] - ve0) * inverse
+                m.moved[5] = (nav[V_DOWN] - vd0) * inverse
+                motion.swing_over(
+                    m, d, dt, phi[k], followed[k], px, py, pz, bridges > 0, bridge == bridges
+                )
                 while fix_next < len(fix_time) and fix_time[fix_next] <= now:
                     gnss_epoch(
                         m,
@@ -312,61 +259,13 @@ def run(
                 m.row_at = now
                 instants.open_instant(m, model, stored)
                 baro.correction_row(m, model)
-            instants.close_instant(m, model, stored)
-            if now - m.instant_at >= MAX_ROW_INTERVAL - ROUNDING:
-                # Nothing was measured; a smoother needs rows that are not far apart
-                instants.open_instant(m, model, stored)
-                instants.close_instant(m, model, stored)
-            elif now - m.from_time >= model.substep - ROUNDING:
-                instants.close_substep(m, model)
+            _end_step(m, model, stored, now)
 
-        for i in range(3):
-            m.rate[i] = phi[k, i] / dt
-            m.swing[i] = followed[k, i]
-            m.force[i] = dv[k, i] / dt
-            m.recent[i] += dt / (dt + BESIDE) * (m.rate[i] - m.recent[i])
-            m.recent[3 + i] += dt / (dt + BESIDE) * (m.force[i] - m.recent[3 + i])
+        motion.go_on(m, dt, phi[k], dv[k], followed[k])
         m.updates += 1.0
 
         if len(out) > 0:
-            line = out[k]
-            if model.closed == 0.0 or model.k4 != 0.0:
-                instants.corrected(m.nav, m.x, line)
-            else:
-                for i in range(NAV_SIZE):
-                    line[i] = m.nav[i]
-            fades = 0.0
-            if model.has_network > 0.0 and not m.keep:  # a smoother makes no step
-                fades = smooth_height(m.channel, now, 0.0)
-                line[HEIGHT] += fades
-            line[layout.O_RATE] = rate_x
-            line[layout.O_RATE + 1] = rate_y
-            line[layout.O_RATE + 2] = rate_z
-            # The increment is in the axes of the update's start: half a turn on, to its middle
-            line[layout.O_FORCE] = inverse * (ux - 0.5 * (py * uz - pz * uy))
-            line[layout.O_FORCE + 1] = inverse * (uy - 0.5 * (pz * ux - px * uz))
-            line[layout.O_FORCE + 2] = inverse * (uz - 0.5 * (px * uy - py * ux))
-            line[layout.O_CORRECTION] = m.channel[S_CORRECTION]
-            at = layout.O_COVARIANCE
-            doubt = m.doubt
-            # The covariance is that of the latest substep or measurement. Right after a fix
-            # positions are far better known than velocities, which carry them on from there
-            since = now - m.from_time
-            for block in range(3):
-                b = 3 * block
-                for i in range(3):
-                    for j in range(3):
-                        value = m.p[b + i, b + j]
-                        if block == 0:
-                            both = m.p[i, VELOCITY + j] + m.p[VELOCITY + i, j]
-                            value += since * (both + since * m.p[VELOCITY + i, VELOCITY + j])
-                        line[at + 3 * i + j] = doubt * value
-                    if block < 2 and m.streak[0] > 1.0:
-                        # Consecutive fixes differ by that much, and either they or the navigation
-                        # may be wrong
-                        line[at + 4 * i] += m.rejected[b + i] ** 2
-                at += 9
-            line[layout.O_COVARIANCE + 8] += fades * fades
+            write_line(m, model, out[k], now, inverse, px, py, pz, ux, uy, uz)
     counts[0] = fix_next
     counts[1] = baro_next
     counts[2] = first_fix
@@ -418,39 +317,64 @@ def _integrate_row(
 
 
 @part()
-def _motion_in_gap(
-    m: Memory,
-    gap: float,
-    time: FloatArray,
-    interval: FloatArray,
-    phi: FloatArray,
-    dv: FloatArray,
-    k: int,
-) -> None:
-    """Rate and specific force with which the gap before update `k` is bridged.
+def _begin(m: Memory, begin: float) -> None:
+    """Start at a time: nothing was measured before."""
+    m.started = 1.0
+    m.now = begin
+    m.row_at = begin
+    m.baro_at = begin
+    m.constrained_at = begin
+    m.used_at = -np.inf
+    m.seen_at[0] = np.inf
+    m.seen_at[1] = np.inf
+    m.sample_stamp = -np.inf
+    m.jump_at = -np.inf
+    m.distrust = -np.inf
+    m.restart_at = -np.inf
+    m.latest_fix[0] = np.nan
+    m.doubt = 1.0
+    instants.begin_substep(m)
 
-    The mean of the motion before and after. Beside a gap that is longer than vibration these are
-    means over some time, as far as the block extends: one sample may have any value.
-    """
-    last, seconds = k + 1, interval[k]
-    if gap > BRIDGE:
-        while last < len(time) and seconds < BESIDE:
-            if time[last] - interval[last] - time[last - 1] > 0.5 * interval[last]:
-                break
-            seconds += interval[last]
-            last += 1
-    for i in range(3):
-        turned, gained = 0.0, 0.0
-        for j in range(k, last):
-            turned += phi[j, i]
-            gained += dv[j, i]
-        rate, force = m.rate[i], m.force[i]
-        if gap > BRIDGE:
-            rate, force = m.recent[i], m.recent[3 + i]
-            # The mean from before the gap is no longer recent
-            m.recent[i], m.recent[3 + i] = turned / seconds, gained / seconds
-        m.bridge[i] = 0.5 * (rate + turned / seconds)
-        m.bridge[3 + i] = 0.5 * (force + gained / seconds)
+
+@part()
+def _close_side(m: Memory, model: Model, stored: FloatArray, bridges: int) -> None:
+    """End the motion on one side of a gap's beginning or end."""
+    instants.close_substep(m, model)
+    m.in_gap = 0.0
+    if bridges > 1:
+        # What a smoother corrects may be another thing on each side
+        instants.open_instant(m, model, stored)
+        instants.close_instant(m, model, stored)
+
+
+@part()
+def _take_pressure(
+    m: Memory,
+    model: Model,
+    stored: FloatArray,
+    events: FloatArray,
+    channel_events: FloatArray,
+    time: float,
+    height: float,
+    reason: int,
+) -> None:
+    """Give a sample of the barometer to the network, or note it as a measurement."""
+    if model.has_network > 0.0:
+        baro.network_sample(m, model, stored, events, channel_events, time, height, reason)
+    if model.baro_row > 0.0:
+        baro.note_difference(m, time, height, reason)
+
+
+@part(inline="always")
+def _end_step(m: Memory, model: Model, stored: FloatArray, now: float) -> None:
+    """End an instant of measurements, or a substep that has lasted long enough."""
+    instants.close_instant(m, model, stored)
+    if now - m.instant_at >= MAX_ROW_INTERVAL - ROUNDING:
+        # Nothing was measured; a smoother needs rows that are not far apart
+        instants.open_instant(m, model, stored)
+        instants.close_instant(m, model, stored)
+    elif now - m.from_time >= model.substep - ROUNDING:
+        instants.close_substep(m, model)
 
 
 @part()

@@ -23,7 +23,7 @@ from sinstool.methods.alignment.initial import Alignment
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.carried_back import carried_back, navigated_back
 from sinstool.methods.ins_gnss.instants import GAP_TIME
-from sinstool.methods.ins_gnss.loop import BESIDE
+from sinstool.methods.ins_gnss.motion import BESIDE
 from sinstool.methods.ins_gnss.settings import Start
 from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z
