@@ -123,12 +123,12 @@ def only(row: str) -> Iterator[None]:
 @contextmanager
 def told(grade: str) -> Iterator[dict[str, Any]]:
     """Options of a filter that knows the noise of simulated sensors."""
-    usual = filter_settings._imu
-    filter_settings._imu = lambda *_: SIMULATED_GRADES[grade]
+    usual = filter_settings.imu_noise_of
+    filter_settings.imu_noise_of = lambda *_: SIMULATED_GRADES[grade]
     try:
         yield {"navigation": {"imu_grade": grade}, "filter": {"virtual_noise": "off"}}
     finally:
-        filter_settings._imu = usual
+        filter_settings.imu_noise_of = usual
 
 
 def drive(folder: Path, seed: int, grade: str) -> tuple[Path, np.ndarray]:

@@ -155,7 +155,7 @@ class Copy:
         text, stat = path.read_bytes(), path.stat()
         affected, _ = self.program.compiled_with(mutant)
         try:
-            path.write_bytes(_of_size(text, mutant))
+            path.write_bytes(of_same_size(text, mutant))
             # Neither numba nor Python looks at more: what they keep of the rest of the file holds.
             os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
             _forget_bytecode(path)
@@ -237,7 +237,7 @@ class Copy:
         os._exit(status)
 
 
-def _of_size(text: bytes, mutant: Mutant) -> bytes:
+def of_same_size(text: bytes, mutant: Mutant) -> bytes:
     """The file with the mutant in it and as many bytes as before: a docstring gives or takes."""
     grown = len(mutant.new.encode()) - len(mutant.old.encode())
     changed = text[: mutant.begin] + mutant.new.encode() + text[mutant.end :]

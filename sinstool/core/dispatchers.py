@@ -86,7 +86,7 @@ def dispatcher(function: Any, options: dict[str, Any]) -> Any:
     """The dispatcher of a kernel or of a part."""
     vectorizes = options.get("vectorizes", True)
     options = _OPTIONS | {k: v for k, v in options.items() if k != "vectorizes"}
-    if not _supported():
+    if not supported():
         return njit(cache=True, **options)(function)
     made = _Part(function, targetoptions=options | _NO_WAY_IN, pipeline_class=_compiler())
     made.vectorizes = vectorizes
@@ -178,7 +178,7 @@ def _compiler() -> Any:
 
 
 @cache
-def _supported() -> bool:
+def supported() -> bool:
     """Patch numba so that parts are compiled only into their callers.
 
     This changes numba's internals. Versions other than those in `INSIDES` are left as they are, and

@@ -154,7 +154,7 @@ def fit_wheels(
     inverse = np.linalg.inv(normal)[:2]
     by_slip = (power / SLIP * inverse[:, 2]) ** 2
     by_noise = np.maximum(power * np.diag(inverse) - by_slip, 0.0)
-    own = [_inflation(t[used], column * rest) for column in design.T[:2]]
+    own = [variance_inflation(t[used], column * rest) for column in design.T[:2]]
     scale_sigma, lag_sigma = np.sqrt(by_noise * own + by_slip).tolist()
     return WheelFit(
         scale,
@@ -270,7 +270,7 @@ def _refined(
     return scale, lag, slip
 
 
-def _inflation(t: FloatArray, score: FloatArray) -> float:
+def variance_inflation(t: FloatArray, score: FloatArray) -> float:
     """Factor on a variance for the correlation in time of samples' contributions.
 
     The autocovariances up to the first that is not positive count.

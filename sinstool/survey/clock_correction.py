@@ -76,7 +76,7 @@ S = TypeVar("S", bound=Stream)
 
 
 @dataclass
-class _Times:
+class TopicTimes:
     """Times of a topic's messages, in the order of the file; steps are taken off as they are found.
 
     Attributes
@@ -154,7 +154,7 @@ def remove_clock_steps(log: Log, topic: ImuTopic) -> tuple[Finding, ...]:
         return ()
     others = tuple(topics.values())
     found: list[tuple[Step, str, str, Severity]] = []
-    steps = (*recorder_steps(imu.log_ns), *_forward(log, imu, others))
+    steps = (*recorder_steps(imu.log_ns), *forward_steps(log, imu, others))
     for step in sorted(steps, key=lambda one: one.row):
         right, moved = _undone_with(log, step, imu, others)
         what = (
@@ -216,7 +216,7 @@ def _finding(
     )
 
 
-def _read(log: Log, topic: ImuTopic) -> dict[str, _Times]:
+def _read(log: Log, topic: ImuTopic) -> dict[str, TopicTimes]:
     """Times of all topics that may be used, by topic."""
     prefixes = {channel.id: f"{topic.path}." if topic.path else "" for channel in topic.channels}
     for number, channel in log.channels.items():
@@ -250,12 +250,12 @@ def _read(log: Log, topic: ImuTopic) -> dict[str, _Times]:
             met[number] += len(rows)
         count += len(batch)
     return {
-        name: _Times(name, *(np.concatenate(column) for column in zip(*many, strict=True)))
+        name: TopicTimes(name, *(np.concatenate(column) for column in zip(*many, strict=True)))
         for name, many in parts.items()
     }
 
 
-def _forward(log: Log, imu: _Times, others: Sequence[_Times]) -> Iterator[Step]:
+def forward_steps(log: Log, imu: TopicTimes, others: Sequence[TopicTimes]) -> Iterator[Step]:
     """Leaps of the recorder's clock that some stamps took part in, and others did not.
 
     Where all of them did the recorder may as well have stood still; then fixes tell whether the
@@ -277,7 +277,7 @@ def _forward(log: Log, imu: _Times, others: Sequence[_Times]) -> Iterator[Step]:
             yield Step(row, round(size))
 
 
-def _delays_rise(other: _Times, row: int, expected: tuple[float, float], size: float) -> bool:
+def _delays_rise(other: TopicTimes, row: int, expected: tuple[float, float], size: float) -> bool:
     """Whether delays of a topic, and its stamps, rise by so much each before a row."""
     late = delay_level(other.stamp_ns, other.log_ns, row)
     even = even_level(other.stamp_ns, row)
@@ -288,7 +288,7 @@ def _delays_rise(other: _Times, row: int, expected: tuple[float, float], size: f
     return _is(late, expected[0], size) and _is(even, expected[1], size)
 
 
-def _stood_still(log: Log, others: Sequence[_Times], place: int, size: float) -> bool:
+def _stood_still(log: Log, others: Sequence[TopicTimes], place: int, size: float) -> bool:
     """Whether the fixes before a place and behind are nearer to each other than a vehicle goes.
 
     Between its velocities before and after a vehicle is off their mean by its change of mind, as
@@ -349,7 +349,7 @@ def _is(level: Level, rise: float, size: float) -> bool:
 
 
 def _undone_with(
-    log: Log, step: Step, imu: _Times, others: Sequence[_Times]
+    log: Log, step: Step, imu: TopicTimes, others: Sequence[TopicTimes]
 ) -> tuple[Step, list[str]]:
     """Undo a step of the recorder's clock; as it is then known, and topics that stepped with it."""
     place, size = int(imu.place[step.row]), step.size_ns
@@ -390,7 +390,7 @@ def _steps_with(level: Level, size: float) -> bool:
     return abs(level.rise) < abs(level.rise - size)
 
 
-def _first_stamped(one: _Times, row: int, level: Level | None, size: int) -> int:
+def _first_stamped(one: TopicTimes, row: int, level: Level | None, size: int) -> int:
     """The first message behind a step of the recorder's clock that was stamped behind it, too.
 
     Others were on their way: it was set between their stamps and their recording.
@@ -401,7 +401,7 @@ def _first_stamped(one: _Times, row: int, level: Level | None, size: int) -> int
     return row
 
 
-def _undo(log: Log, times: _Times, step: Step, stamped: int | None, logged: int | None) -> None:
+def _undo(log: Log, times: TopicTimes, step: Step, stamped: int | None, logged: int | None) -> None:
     """Undo a step at the rows of stamps and of log times, here and where the log is read."""
     for time_ns, row in ((times.stamp_ns, stamped), (times.log_ns, logged)):
         if row is not None:

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import mutants
 from benchmarks.mutant_lines import Program, sites
-from benchmarks.mutants import Copy, _of_size
+from benchmarks.mutants import Copy, of_same_size
 
 FILES = {
     "sinstool/methods/inner.py": '''"""Inner loop."""
@@ -104,7 +104,7 @@ def test_a_mutant_changes_neither_size_nor_time_of_its_file(root, inside, old, n
     mutant = mutant_of(root, inside, old)
     text = (root / mutant.path).read_bytes()
     assert mutant.new == new
-    assert len(_of_size(text, mutant)) == len(text)
+    assert len(of_same_size(text, mutant)) == len(text)
 
 
 @pytest.mark.parametrize("new", ["0.000000000002", "2"])
@@ -112,7 +112,7 @@ def test_a_docstring_makes_up_for_longer_and_shorter_mutants(root, new):
     mutant = mutant_of(root, "twice", "2.0")
     changed = type(mutant)(**{**vars(mutant), "new": new})
     text = (root / mutant.path).read_bytes()
-    result = _of_size(text, changed)
+    result = of_same_size(text, changed)
     assert len(result) == len(text)
     scope = {}
     exec(result.decode().replace("@numba.njit(cache=True)", ""), scope)

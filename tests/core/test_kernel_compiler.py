@@ -7,7 +7,7 @@ from numba import version_info
 from numba.core.caching import NullCache
 
 from sinstool.core import dispatchers
-from sinstool.core.dispatchers import INSIDES, _supported
+from sinstool.core.dispatchers import INSIDES, supported
 from sinstool.core.parts import kernel, part
 
 RECORD = np.dtype(
@@ -112,7 +112,7 @@ def test_kernels_compute_what_numba_makes_of_them(name):
     function, arguments = CASES[name]
     ours, theirs = arguments(), arguments()
     compiled = kernel()(function)
-    if _supported():
+    if supported():
         # Not by numba's own compiler, then
         from sinstool.core.kernel_compiler import is_plain
 
@@ -124,13 +124,13 @@ def test_kernels_compute_what_numba_makes_of_them(name):
 
 
 def test_our_compiler_is_used_in_the_versions_it_was_written_for():
-    assert _supported() == (version_info.short in INSIDES)
+    assert supported() == (version_info.short in INSIDES)
 
 
 def test_another_numba_compiles_in_its_own_way(monkeypatch):
     monkeypatch.setattr(dispatchers, "INSIDES", set())
-    assert not _supported.__wrapped__()
-    monkeypatch.setattr(dispatchers, "_supported", lambda: False)
+    assert not supported.__wrapped__()
+    monkeypatch.setattr(dispatchers, "supported", lambda: False)
 
     @part()
     def twice(x):
@@ -184,14 +184,14 @@ def test_loops_over_several_elements_at_a_time_can_be_done_without():
 
     for vectorizes in (True, False):
         compiled = kernel(vectorizes=vectorizes)(sums)
-        if _supported():
+        if supported():
             compiled = compiled.dispatcher._for_python
         compiled._cache = NullCache()  # which keeps no text of the code
         a = np.arange(37.0)
         compiled(a, a[::-1].copy())
         np.testing.assert_array_equal(a, np.arange(37.0) + 3.0 * np.arange(36.0, -1.0, -1.0))
         (code,) = compiled.inspect_llvm().values()
-        assert ("x double>" in code) == (vectorizes or not _supported())
+        assert ("x double>" in code) == (vectorizes or not supported())
 
 
 def counted(a, b, n):

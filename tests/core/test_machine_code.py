@@ -14,7 +14,7 @@ from tests.core.test_kernel_compiler import ARRAY, CASES
 from tests.helpers.paths import ROOT
 
 pytestmark = pytest.mark.skipif(
-    not dispatchers._supported(), reason="another numba keeps what it compiles itself"
+    not dispatchers.supported(), reason="another numba keeps what it compiles itself"
 )
 
 

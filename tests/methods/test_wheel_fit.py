@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from sinstool.methods.wheel_fit import LEAST, _inflation, fit_wheels, slipping_wheels
+from sinstool.methods.wheel_fit import LEAST, fit_wheels, slipping_wheels, variance_inflation
 
 NS = 1_000_000_000
 START = 1_700_000_000 * NS
@@ -217,5 +217,7 @@ def test_the_variance_of_a_mean_grows_with_the_correlation_of_its_samples(alike_
     found = []
     for seed in range(20):
         white = np.random.default_rng(seed).standard_normal(20_000)
-        found.append(_inflation(0.2 * np.arange(20_000), lfilter([1.0], [1.0, -phi], white)))
+        found.append(
+            variance_inflation(0.2 * np.arange(20_000), lfilter([1.0], [1.0, -phi], white))
+        )
     assert np.mean(found) == pytest.approx((1.0 + phi) / (1.0 - phi), rel=0.1)

@@ -9,7 +9,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.timeline import sorted_stream
 from sinstool.io.readers import open_log
 from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
-from sinstool.survey.clock_correction import _forward, _Times, may_have_stepped
+from sinstool.survey.clock_correction import TopicTimes, forward_steps, may_have_stepped
 from sinstool.survey.source import prepare
 from tests.helpers.imulogs import (
     IMU,
@@ -136,10 +136,10 @@ def test_a_stall_after_which_some_topics_come_at_once_is_no_step(lost, rate):
         mine, place = rank[place : place + len(seconds)], place + len(seconds)
         number = np.arange(len(seconds))
         made.append(
-            _Times(topic, nanoseconds(seconds), nanoseconds(arrival), mine, 0 * number, number)
+            TopicTimes(topic, nanoseconds(seconds), nanoseconds(arrival), mine, 0 * number, number)
         )
     log = SimpleNamespace(channels_of=lambda topic, *types: [])
-    assert not list(_forward(log, made[0], made[1:]))
+    assert not list(forward_steps(log, made[0], made[1:]))
 
 
 def test_back_and_forth(tmp_path, road):

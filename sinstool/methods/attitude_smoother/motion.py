@@ -203,7 +203,7 @@ class _Search:
             # Over longer epochs the search is quicker, and its result is close to that over short
             # ones
             near = self.best(model, SECOND)[0] if length == 1 else None
-            self._cache[key] = _most_likely(self._parts[length], model, self._sensors, near)
+            self._cache[key] = most_likely_density(self._parts[length], model, self._sensors, near)
         return self._cache[key]
 
     def margin(self, length: int) -> float:
@@ -226,7 +226,7 @@ def stretches(epochs: Epochs) -> list[Epochs]:
     ]
 
 
-def _most_likely(
+def most_likely_density(
     parts: list[Epochs], model: MotionModel, sensors: SensorModel, near: float | None = None
 ) -> tuple[float, float]:
     """Density under which the motion is most likely, and its log likelihood there.

@@ -131,7 +131,7 @@ def smooth(
         attitude[:, [0, 1], [0, 1]] += sensors.rate_error**2
     else:
         # The bias of a level accelerometer looks like a tilt.
-        sigma = _accel_bias(
+        sigma = accel_bias_sigma(
             max(sensors.accel_bias, poor), _gravity_shown(epochs, smoothed), prior.gravity
         )
         attitude[:, [0, 1], [0, 1]] += (sigma / GRAVITY) ** 2
@@ -140,7 +140,7 @@ def smooth(
         attitude[:, 2, 2] += prior.heading**2 + turned_wrongly(felt(epochs, smoothed, 2), sensors)
     else:
         attitude[:, 2, 2] += north.variance
-    _bounded(attitude)
+    bound_sigmas(attitude)
     return Correction(
         epochs.time_ns,
         q,
@@ -154,7 +154,7 @@ def smooth(
     )
 
 
-def _bounded(covariance_n: FloatArray) -> None:
+def bound_sigmas(covariance_n: FloatArray) -> None:
     """Limit sigmas to that of a uniformly distributed angle, the largest there is.
 
     Where the filter left its linear range variances may be negative or not finite: nothing is known
@@ -249,7 +249,7 @@ class _Run:
             return 0.0
         shown = _gravity_shown(self.epochs, smoothed)
         found = smoothed[-1, state.A : state.A + 3] ** 2 + covariance[-1, BIASES]
-        return _accel_bias(self.sensors.accel_bias, shown, self.prior.gravity, found)
+        return accel_bias_sigma(self.sensors.accel_bias, shown, self.prior.gravity, found)
 
 
 def _as_fast(
@@ -363,7 +363,7 @@ def _of_poor(shown: FloatArray, grade: float, poor: float) -> FloatArray:
     return np.asarray(1.0 / (information + 1.0 / poor**2))
 
 
-def _accel_bias(
+def accel_bias_sigma(
     grade: float, shown: float, gravity: float | None, found: FloatArray = NOTHING_FOUND
 ) -> float:
     """Standard deviation of the bias of an accelerometer axis, m/s^2.

@@ -107,7 +107,7 @@ def with_steady(
     for _ in range(rounds if long else 0):
         smoothed = smooth(replace(epochs, values=values), motion, sensors, prior)
         smoothed = smoothed.at(epochs.time_ns)
-        agrees, tilted = _agrees(epochs, looks_at_rest, sensors, smoothed)
+        agrees, tilted = agrees_with_travel(epochs, looks_at_rest, sensors, smoothed)
         values[:, REST] = np.where(doubted & agrees, STEADY, alone)
         drop_lulls(values)
         note_doubt(values, sensors)
@@ -155,7 +155,7 @@ def turning(
     return turns
 
 
-def _agrees(
+def agrees_with_travel(
     epochs: Epochs, still: np.ndarray, sensors: SensorModel, smoothed: Correction
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where force and rate, as means over a window, are those of steady travel.

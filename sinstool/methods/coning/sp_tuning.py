@@ -214,7 +214,7 @@ def tune(
     elif bounds(gyro, interval, gyro_kind, highest=passband).status == "noise-limited":
         status = "noise-limited"
     else:
-        most = _most_coning(gyro, spectrum)[used] * spectrum.step
+        most = most_coning(gyro, spectrum)[used] * spectrum.step
         amount = float(np.sum(most * _scale(turn, gyro_kind) * np.sin(turn)))
         square = float(per_q @ per_q)
         low = best_q(0.0, gyro_kind)
@@ -311,7 +311,7 @@ def bounds(
     )
 
 
-def _most_coning(gyro: ArrayLike, spectrum: ConingSpectrum) -> FloatArray:
+def most_coning(gyro: ArrayLike, spectrum: ConingSpectrum) -> FloatArray:
     """Coning density that a circular motion with the same spectrum would have."""
     rate = np.asarray(gyro, dtype=np.float64)
     if spectrum.gyro_kind == "increment":

@@ -154,7 +154,7 @@ def _plateaus(piece: TableAngle, number: int, rate: FloatArray, size: int) -> li
     """Plateaus of constant rate, and the stretches between them with a reason."""
     spans: list[tuple[int, int]] = []
     begin, total = 0, 0.0
-    relative = max(RELATIVE_TOLERANCE, _NOISE_TOLERANCE * _relative_noise(rate))
+    relative = max(RELATIVE_TOLERANCE, _NOISE_TOLERANCE * relative_noise(rate))
     for k, r in enumerate(rate.tolist()):
         if k > begin:
             mean = total / (k - begin)
@@ -183,7 +183,7 @@ def _plateaus(piece: TableAngle, number: int, rate: FloatArray, size: int) -> li
     return segments
 
 
-def _relative_noise(rate: FloatArray) -> float:
+def relative_noise(rate: FloatArray) -> float:
     """Standard deviation of the rate of a block over the rate itself.
 
     Relative, as it comes from stamps that jitter. From second differences, which neither a

@@ -183,7 +183,7 @@ def align_whole_turns(
         )
 
     middles = np.cumsum(turns.duration) - turns.duration / 2.0
-    drift, drift_sigma = _slope(middles, f_turn)
+    drift, drift_sigma = slope_of_columns(middles, f_turn)
     tilting = np.cross(f, drift) / -(size**2)
     tilting_sigma = float(np.linalg.norm(drift_sigma)) / size / np.sqrt(3.0)
     significant = np.linalg.norm(tilting) > SIGNIFICANT_TILT_DRIFT * tilting_sigma
@@ -210,7 +210,7 @@ def align_whole_turns(
     u_z = float(C_nb0[:, 2] @ earth)
     c_axial = float((w[2] - u_z) / (turns.rate + u_z))
     east_rate = w_turn @ r2
-    axial_drift, axial_drift_sigma = _slope(middles, w_turn[:, 2:])
+    axial_drift, axial_drift_sigma = slope_of_columns(middles, w_turn[:, 2:])
     heading = float(np.arctan2(C_nb0[1, 0], C_nb0[0, 0]) % (2.0 * np.pi))
     per_turn = heading - east_rate / north_rate
     sigma_heading = sigma_of_mean(east_rate) / north_rate
@@ -224,7 +224,7 @@ def align_whole_turns(
         "rate_north_residual": float(r1 @ w - earth[0]),
         "rate_down_residual": float(r3 @ w - earth[2]),
         "force_residual": size - float(normal_gravity(latitude)),
-        "heading_trend_t": _trend(middles, per_turn),
+        "heading_trend_t": slope_t(middles, per_turn),
         "lag1_correlation": _lag1(per_turn),
         # the axis leans to where a turn of the base about East (North) takes it
         "tilt_drift_north": float(in_n[1]) * total,
@@ -327,7 +327,7 @@ def _scatter(values: FloatArray) -> float:
     return float(values.std(ddof=1) / np.sqrt(len(values)))
 
 
-def _slope(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+def slope_of_columns(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Slope of a line through columns of y (n, k), and its sigma; NaN for fewer than four."""
     if len(x) < FEWEST_TURNS_FOR_SCATTER:
         return np.full(y.shape[1], np.nan), np.full(y.shape[1], np.nan)
@@ -337,9 +337,9 @@ def _slope(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     return slope, np.sqrt((rest**2).sum(axis=0) / (len(x) - 2) / (u @ u))
 
 
-def _trend(x: FloatArray, y: FloatArray) -> float:
+def slope_t(x: FloatArray, y: FloatArray) -> float:
     """Student's t of a slope."""
-    slope, sigma = _slope(x, y[:, np.newaxis])
+    slope, sigma = slope_of_columns(x, y[:, np.newaxis])
     return float(slope[0] / sigma[0]) if sigma[0] > 0.0 else float("nan")
 
 

@@ -186,7 +186,7 @@ def network_sample(
         difference = channel[height_layout.S_INNOVATION] - model.k4 * v_up
         used = baro_difference(m, model, events, difference, 0.0, model.baro_white, layout.ONE_ROW)
         if not used:
-            _after_jump(m, model)
+            after_jump(m, model)
         if phase == height_layout.COAST:
             m.step = dh
             m.step_set = 1.0
@@ -215,7 +215,7 @@ def network_sample(
         mean = (channel[height_layout.S_SQUARE] + model.baro_white) / JUMP_ROWS
         doubt = DOUBT * (channel[height_layout.S_OFFSET] - offset)
         m.p[b, b] += mean + model.baro_sigma**2 + doubt * doubt
-        _after_jump(m, model)
+        after_jump(m, model)
         instants.record(m, events, layout.E_BARO_JUMP, offset - channel[height_layout.S_OFFSET])
     baro_correction(
         model.where,
@@ -232,7 +232,7 @@ def network_sample(
 
 
 @part()
-def _after_jump(m: Memory, model: Model) -> None:
+def after_jump(m: Memory, model: Model) -> None:
     """Jumps that follow each other, as of a sensor that hangs: leave it alone for a while.
 
     Up to the gate, navigation and network were pulled along between the jumps.

@@ -130,7 +130,7 @@ def _first_minute(
         return []
     valid, velocity = valid[rows], fixes.velocity_n[rows]
     part = updates.time_ns <= end
-    interval = _intervals(updates)[part]
+    interval = intervals_of(updates)[part]
     theta = updates.omega_ib_b[part] * interval[:, None]
     dv = updates.specific_force_b[part] * interval[:, None]
     ends: FloatArray = (updates.time_ns[part] - began).astype(np.float64) * 1e-9
@@ -305,7 +305,8 @@ def _begin(updates: UpdateColumns) -> int:
     return int(updates.time_ns[0]) - int(updates.time_ns[1] - updates.time_ns[0])
 
 
-def _intervals(updates: UpdateColumns) -> FloatArray:
+def intervals_of(updates: UpdateColumns) -> FloatArray:
+    """Duration of each update, s; of one behind a gap a few usual ones."""
     step = np.diff(updates.time_ns, prepend=_begin(updates)).astype(np.float64) * 1e-9
     return np.minimum(step, 5.0 * float(np.median(step)))
 

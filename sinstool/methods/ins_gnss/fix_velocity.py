@@ -93,7 +93,7 @@ def with_velocities(
         rows.latitude - rows.latitude[0], longitude - longitude[0], rows.latitude[0], height
     )
     position = np.stack([north, east, -(rows.height - rows.height[0])], axis=1)
-    half = _half(t, sigma_m)
+    half = half_width(t, sigma_m)
     velocity, sigma, good = np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.bool_)
     over = np.empty(n)
     short = 0.5 * (LEAST - 1) * float(median(np.diff(t)))
@@ -322,7 +322,7 @@ def _sums(
             ends[i, 1] = max(ends[i, 1], away)
 
 
-def _half(seconds: np.ndarray, sigma_m: float) -> float:
+def half_width(seconds: np.ndarray, sigma_m: float) -> float:
     """Half of the window, s: of N fixes over T, velocity is good to sigma sqrt(12/N)/T."""
     usual = float(median(np.diff(seconds)))
     half = 0.5 * np.cbrt(12.0 * sigma_m**2 * usual / TARGET**2)

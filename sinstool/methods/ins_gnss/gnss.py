@@ -71,7 +71,7 @@ def gnss_epoch(
     else:
         instants.open_instant(m, model, stored)
 
-    rows = _compare(m, model, fix, back, diagnosis)
+    rows = compare(m, model, fix, back, diagnosis)
     diagnosis[layout.D_ROWS] = rows
     diagnosis[layout.D_WITHHELD] = 1.0 if withheld else 0.0
     diagnosis[layout.D_USED] = 0.0
@@ -90,7 +90,7 @@ def gnss_epoch(
         # No covariance any more: rounding, or a model that broke
         instants.record(m, events, layout.E_NO_COVARIANCE, 0.0)
         instants.begin_anew(m, model)
-        rows = _compare(m, model, fix, back, diagnosis)
+        rows = compare(m, model, fix, back, diagnosis)
         update.project(m, rows)
         if not update.factor(m.s, m.r, rows, m.root):
             return
@@ -140,12 +140,12 @@ def gnss_epoch(
         # If a restart did not help, the filter is wrong, not the fixes
         m.after_outage[alone] = AGREE if instants.lately_restarted(m, model) else 0.0
         instants.begin_anew(m, model)
-        rows = _compare(m, model, fix, back, diagnosis)
+        rows = compare(m, model, fix, back, diagnosis)
         for i in range(6):
             # so far off, at least, is the navigation
             m.p[i, i] = max(m.p[i, i], m.rejected[i] ** 2)
         if alone == 0 and lasted > 0.0:
-            _admit_drift(m, lasted)
+            admit_drift(m, lasted)
         update.project(m, rows)
         _spread(m, rows, diagnosis)
     m.streak[alone] = 0.0
@@ -161,7 +161,7 @@ def gnss_epoch(
 
 
 @part()
-def _admit_drift(m: Memory, lasted: float) -> None:
+def admit_drift(m: Memory, lasted: float) -> None:
     """Raise sigmas of velocity and tilt until each alone explains a drift from the fixes."""
     level = 0.0
     for i in range(3):
@@ -179,7 +179,7 @@ def _admit_drift(m: Memory, lasted: float) -> None:
 
 
 @part()
-def _compare(m: Memory, model: Model, fix: FloatArray, back: float, diagnosis: FloatArray) -> int:
+def compare(m: Memory, model: Model, fix: FloatArray, back: float, diagnosis: FloatArray) -> int:
     """Innovation and H of a fix; how many rows it has."""
     index = model.where
     nav = m.nav

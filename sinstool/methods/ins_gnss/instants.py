@@ -245,7 +245,7 @@ def close_instant(m: Memory, model: Model, stored: FloatArray) -> None:
     d_height = 0.0
     if model.closed > 0.0:
         d_height = m.x[_D]
-        _turn_errors(m, stored)
+        turn_errors(m, stored)
         _feed_back(m, model)
     if m.step_set > 0.0:
         # The channel thought that all of the difference would go out of the height.
@@ -297,7 +297,7 @@ def corrected(nav: FloatArray, x: FloatArray, out: FloatArray) -> None:
 
 
 @part()
-def _turn_errors(m: Memory, stored: FloatArray) -> None:
+def turn_errors(m: Memory, stored: FloatArray) -> None:
     """Turn the errors of attitude with the attitude, as it is corrected.
 
     What an accelerometer's bias tilts, it tilts in the body. Where heading gets known by many
@@ -378,7 +378,7 @@ def _feed_back(m: Memory, model: Model) -> None:
             m.sensors[12 + i] += x[axes + i]
             x[axes + i] = 0.0
     if index[states.I_LAND_VEHICLE] >= 0:
-        _feed_back_vehicle(m.vehicle, x, index[states.I_LAND_VEHICLE])
+        feed_back_vehicle(m.vehicle, x, index[states.I_LAND_VEHICLE])
     b = index[states.I_BARO]
     if b >= 0:
         m.channel[S_BARO_BIAS] += x[b]
@@ -394,7 +394,7 @@ def _feed_back(m: Memory, model: Model) -> None:
 
 
 @part()
-def _feed_back_vehicle(vehicle: FloatArray, x: FloatArray, first: int) -> None:
+def feed_back_vehicle(vehicle: FloatArray, x: FloatArray, first: int) -> None:
     """Correct mount, axle, sideslip, squat and wheel scale by the estimates, which are then 0."""
     pitch, yaw = x[first + states.MOUNT_PITCH], x[first + states.MOUNT_YAW]
     w, qx, qy, qz = increment_quaternion(0.0, pitch, yaw, 0)

@@ -49,9 +49,9 @@ arm has three axes, the latency one), and a latency also by more than so many se
 
 # Least sigma of an arm, m: rates are means between samples, and bodies bend. An estimate nearer
 # than the second one, m, does not contradict the arm that was given.
-_LEAST_SIGMA_M, LEAST_ARM_M = 0.03, 0.3
-_LEAST_SIGMA_S = 3e-4  # stamps and samples are no better
-_LEAST = 20  # epochs
+LEAST_ARM_SIGMA_M, LEAST_ARM_M = 0.03, 0.3
+LEAST_LATENCY_SIGMA_S = 3e-4  # stamps and samples are no better
+LEAST_EPOCHS = 20  # epochs
 # The iteration ends when the latency used and its estimate are this near, s, or within this share
 # of a sigma; they agree if they are within a sigma, or so many seconds.
 _AGREE_S, _AGREE, _APART_S = 1e-3, 0.2, 0.01
@@ -251,13 +251,13 @@ def estimate_offsets(
         None if too few fixes lie within the updates, or the filter diverges.
     """
     complete = offset_scores(start, settings, parts, gnss)
-    if complete is None or len(complete) < _LEAST:
+    if complete is None or len(complete) < LEAST_EPOCHS:
         return None
     scores = complete.of_receiver
     assumed = np.asarray(settings.lever_arm_b if assumed_b is None else assumed_b, np.float64)
     here = np.array([settings.gnss_latency, *settings.lever_arm_b])
     usual = np.array([0.0, *assumed])
-    free, covariance, misfit = _solved(scores, here, usual, ARM_UNKNOWN_M)
+    free, covariance, misfit = solved_offsets(scores, here, usual, ARM_UNKNOWN_M)
     off, sigma = free[1:] - assumed, np.sqrt(np.diag(covariance)[1:])
     turned = scores.turned.mean(axis=0)
     rows = float(scores.rows.sum())
@@ -270,7 +270,7 @@ def estimate_offsets(
     answer = replace(answer, clock=clock_rate(scores), gyros=gyros)
     if not given or answer.arm_contradicts:
         return answer
-    near, covariance, _ = _solved(scores, here, usual, ARM_GIVEN_M)
+    near, covariance, _ = solved_offsets(scores, here, usual, ARM_GIVEN_M)
     return replace(answer, latency_s=float(near[0]), arm_b=near[1:], covariance=covariance)
 
 
@@ -443,11 +443,11 @@ def _gyro_delay(
     scores: OffsetScores, here: FloatArray, usual: FloatArray, arm_m: float
 ) -> GyroDelay:
     """The delay of the gyros, whatever latency and arm are."""
-    found, covariance, _ = _solved(scores, here, usual, arm_m)
+    found, covariance, _ = solved_offsets(scores, here, usual, arm_m)
     return GyroDelay.of(float(found[4]), float(np.sqrt(covariance[4, 4])), scores.lagging)
 
 
-def _solved(
+def solved_offsets(
     scores: OffsetScores, here: FloatArray, usual: FloatArray, arm_m: float
 ) -> tuple[FloatArray, FloatArray, float]:
     """Latency and arm, their covariance, and the misfit that is left.
@@ -473,5 +473,5 @@ def _solved(
     spread = scores.scatter(scores.score - scores.information @ b) / excess**2
     scattered = covariance @ (spread + prior) @ covariance
     more = np.sqrt(np.maximum(np.diag(scattered) / np.diag(covariance), 1.0))
-    least = [_LEAST_SIGMA_S, *[_LEAST_SIGMA_M] * 3, LEAST_SIGMA_S][:many]
+    least = [LEAST_LATENCY_SIGMA_S, *[LEAST_ARM_SIGMA_M] * 3, LEAST_SIGMA_S][:many]
     return here + b, covariance * np.outer(more, more) + np.diag(np.square(least)), misfit

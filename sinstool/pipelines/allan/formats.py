@@ -203,7 +203,9 @@ def _fast_lio(rate: float) -> list[Key]:
     ]
 
 
-def _kf_gins(rate: float) -> list[Key]:
+def kf_gins_keys(rate: float) -> list[Key]:
+    """Keys of KF-GINS, whose biases are Markov processes; it has no use for the rate, Hz."""
+
     def scaled(unit: float) -> Callable[[float], float]:
         return lambda value: value / unit
 
@@ -220,7 +222,7 @@ _KEYS: dict[NoiseFormat, Callable[[float], list[Key]]] = {
     "openvins": _continuous,
     "vins-fusion": _vins_fusion,
     "fast-lio": _fast_lio,
-    "kf-gins": _kf_gins,
+    "kf-gins": kf_gins_keys,
 }
 # Of each file the first line, lines below it, and the key that holds the others
 _FRAMES: dict[NoiseFormat, tuple[str, tuple[str, ...], str]] = {

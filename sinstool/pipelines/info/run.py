@@ -47,7 +47,7 @@ class Shown:
 
 
 @dataclass
-class _Traffic:
+class TopicTraffic:
     """Messages of one topic, by log time."""
 
     count: int = 0
@@ -61,6 +61,7 @@ class _Traffic:
     kinds: dict[str, None] = field(default_factory=dict)
 
     def add(self, times: np.ndarray, size: int) -> None:
+        """Count messages with these log times, ns, and so many bytes in all."""
         steps = np.diff(times, prepend=times[0] if self.count == 0 else self.last)
         self.longest = max(self.longest, int(steps.max()))
         self.backward += int(np.count_nonzero(steps < 0))
@@ -132,7 +133,7 @@ def inspect(
                 start_ns=min((t.low for t in traffic.values()), default=0),
                 end_ns=max((t.high for t in traffic.values()), default=0),
             ),
-            topics=tuple(_topic(name, t) for name, t in sorted(traffic.items())),
+            topics=tuple(topic_of(name, t) for name, t in sorted(traffic.items())),
             imu=tuple(imus),
             process=_verdict(log, config, choice, chosen),
             lost=log.account(),
@@ -141,10 +142,10 @@ def inspect(
 
 def _traffic(
     log: Log, progress: Callable[[int], None] | None, shown: Shown | None
-) -> dict[str, _Traffic]:
-    traffics: dict[str, _Traffic] = {}
+) -> dict[str, TopicTraffic]:
+    traffics: dict[str, TopicTraffic] = {}
     for channel in log.channels.values():
-        traffic = traffics.setdefault(channel.topic, _Traffic())
+        traffic = traffics.setdefault(channel.topic, TopicTraffic())
         traffic.kinds[f"{channel.type_name or 'no type'} ({channel.message_encoding})"] = None
     for batch in log.batches():
         if progress:
@@ -159,7 +160,8 @@ def _traffic(
     return traffics
 
 
-def _topic(name: str, t: _Traffic) -> result.Topic:
+def topic_of(name: str, t: TopicTraffic) -> result.Topic:
+    """What is told of a topic."""
     span = (t.high - t.low) / 1e9
     return result.Topic(
         topic=name,

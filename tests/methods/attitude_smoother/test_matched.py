@@ -406,14 +406,14 @@ def test_a_log_that_rests_only_at_its_end():
 def test_gravity_in_a_log_shows_one_of_four_axes_of_accelerometers(grade):
     """The mean square of three biases as graded, and of the one that is seen."""
     for seen in (0.0, grade, -5.0 * grade):
-        found = smoother._accel_bias(grade, 9.82 + seen, 9.82)
+        found = smoother.accel_bias_sigma(grade, 9.82 + seen, 9.82)
         assert found == pytest.approx(np.sqrt(np.mean([grade**2, grade**2, grade**2, seen**2])))
         # Without the local gravity as much counts as no place on Earth has
         wide = smoother.MEAN_GRAVITY + np.sign(seen) * (smoother.GRAVITY_RANGE + abs(seen))
-        assert smoother._accel_bias(grade, wide, None) == pytest.approx(found)
+        assert smoother.accel_bias_sigma(grade, wide, None) == pytest.approx(found)
     near = smoother.MEAN_GRAVITY + 0.9 * smoother.GRAVITY_RANGE
-    assert smoother._accel_bias(grade, near, None) == pytest.approx(np.sqrt(0.75) * grade)
-    assert smoother._accel_bias(0.0, 9.0, 9.8) == 0.0
+    assert smoother.accel_bias_sigma(grade, near, None) == pytest.approx(np.sqrt(0.75) * grade)
+    assert smoother.accel_bias_sigma(0.0, 9.0, 9.8) == 0.0
 
 
 @pytest.mark.parametrize("grade", [0.03, 0.3])

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sinstool.methods.attitude_smoother import motion
 from sinstool.methods.attitude_smoother.model import FOLLOWER, HAND, VEHICLE, sensor_model
-from sinstool.methods.attitude_smoother.motion import GRID, SECOND, _most_likely
+from sinstool.methods.attitude_smoother.motion import GRID, SECOND, most_likely_density
 from sinstool.methods.attitude_smoother.start import upright
 from tests.helpers.matched_motion import drawn, epochs_of
 
@@ -24,12 +24,12 @@ def epochs(request):
 
 @pytest.mark.parametrize("model", [HAND, VEHICLE, FOLLOWER], ids=["hand", "vehicle", "follower"])
 def test_a_search_ends_at_the_same_density_from_wherever_it_begins(epochs, model):
-    density, likelihood = _most_likely([epochs], model, SENSORS)
+    density, likelihood = most_likely_density([epochs], model, SENSORS)
     number = log(density / HAND.density) / GRID
     assert abs(number - round(number)) < 1e-9
     for away in (-5, -1, 0, 1, 5):
         near = density * exp(GRID * away)
-        assert _most_likely([epochs], model, SENSORS, near) == (density, likelihood)
+        assert most_likely_density([epochs], model, SENSORS, near) == (density, likelihood)
     # and there it is likeliest
     for other in (density * exp(GRID * away) for away in (-1, 1)):
         assert motion.filtered(epochs, model.with_density(other), SENSORS) < likelihood
@@ -39,11 +39,11 @@ def test_a_search_that_begins_near_looks_less_often(epochs, monkeypatch):
     looked = []
     filtered = motion.filtered
     monkeypatch.setattr(motion, "filtered", lambda *args: looked.append(1) or filtered(*args))
-    longer = _most_likely([motion.merged(epochs, SECOND)], VEHICLE, SENSORS)[0]
+    longer = most_likely_density([motion.merged(epochs, SECOND)], VEHICLE, SENSORS)[0]
     counts = []
     for near in (None, longer):
         looked.clear()
-        _most_likely([epochs], VEHICLE, SENSORS, near)
+        most_likely_density([epochs], VEHICLE, SENSORS, near)
         counts.append(len(looked))
     assert counts[1] <= counts[0]
 
@@ -56,8 +56,8 @@ def test_no_start_where_a_filter_diverges_is_taken_for_near(epochs, monkeypatch)
         return filtered(part, model, sensors) if model.density > floor else motion.DIVERGED
 
     monkeypatch.setattr(motion, "filtered", diverging)
-    without = _most_likely([epochs], VEHICLE, SENSORS)
-    assert _most_likely([epochs], VEHICLE, SENSORS, 0.5 * floor) == without
+    without = most_likely_density([epochs], VEHICLE, SENSORS)
+    assert most_likely_density([epochs], VEHICLE, SENSORS, 0.5 * floor) == without
 
 
 def test_the_first_tilt_is_the_shortest_turn_upwards():

@@ -35,7 +35,7 @@ from sinstool.methods.attitude_smoother.model import (
 from sinstool.methods.attitude_smoother.motion import find_motion
 from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, note_doubt, with_rest
 from sinstool.methods.attitude_smoother.smoother import smooth
-from sinstool.methods.attitude_smoother.steady import _agrees, with_steady
+from sinstool.methods.attitude_smoother.steady import agrees_with_travel, with_steady
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.simulation.truth import sample_times, static
@@ -445,7 +445,7 @@ def test_a_start_at_the_end_of_a_rest_is_not_steady():
     solution, _ = ride([(20, 0, 0), (3, 0.08, 0), (4, 0.16, 0)], sensors, 5)
     epochs = with_rest(epochs_of(solution))
     assert epochs.rest.all(), "else this test shows nothing"
-    agrees, _ = _agrees(epochs, epochs.rest, sensors, known_level(epochs, 0.003))
+    agrees, _ = agrees_with_travel(epochs, epochs.rest, sensors, known_level(epochs, 0.003))
     assert np.mean(agrees[:80]) > 0.95
     assert not agrees[-15:].any()
 
@@ -456,7 +456,9 @@ def test_a_tilt_that_leaves_room_for_an_acceleration_shows_no_steady_travel(grad
     sensors = sensor_model(grade, walk_at_rest=None, bias_known=False, earth_removed=True)
     solution, _ = ride([(27, 0, 0)], sensors, 5)
     epochs = with_rest(epochs_of(solution))
-    agrees, hidden = _agrees(epochs, epochs.rest, sensors, known_level(epochs, 0.08 / GRAVITY))
+    agrees, hidden = agrees_with_travel(
+        epochs, epochs.rest, sensors, known_level(epochs, 0.08 / GRAVITY)
+    )
     assert np.mean(agrees) == (1.0 if steady else 0.0)
     shown = sensors.accel_bias**2 + (GRAVITY * sensors.rate_error) ** 2
     assert hidden == pytest.approx(np.full(len(epochs), 0.08**2 - shown))

@@ -6,7 +6,7 @@ import pytest
 from sinstool.core.rotation import conjugate, log, multiply
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.response import coning_spectrum, predicted_drift
-from sinstool.methods.coning.sp_tuning import _most_coning, best_q, bounds, coning_answer, tune
+from sinstool.methods.coning.sp_tuning import best_q, bounds, coning_answer, most_coning, tune
 from sinstool.methods.coning.stage import ConingStage
 from sinstool.methods.strapdown.attitude import AttitudePropagator
 from sinstool.simulation.motions import broadband, sample
@@ -90,7 +90,7 @@ def test_no_motion_of_a_spectrum_cones_more_than_one_in_circles(kind):
     gyro = coning_samples(0.004, 20.0, STEP, 20000, kind)
     for flat in (1.0, 0.3):
         spectrum = coning_spectrum(gyro * [flat, 1.0, 1.0], STEP, kind)
-        most = _most_coning(gyro * [flat, 1.0, 1.0], spectrum).sum()
+        most = most_coning(gyro * [flat, 1.0, 1.0], spectrum).sum()
         coning = np.linalg.norm(spectrum.density, axis=1).sum()
         assert coning / most == pytest.approx(2.0 * flat / (1.0 + flat**2), rel=0.02)
 

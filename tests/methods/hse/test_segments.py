@@ -8,8 +8,8 @@ from sinstool.methods.hse.rig import EncoderModel
 from sinstool.methods.hse.segments import (
     BLOCK_S,
     SegmentRules,
-    _relative_noise,
     find_segments,
+    relative_noise,
 )
 from sinstool.simulation.turntable import TableProfile
 
@@ -37,13 +37,13 @@ def measured(walk, lost=(), seed=1):
 def test_noise_of_the_rate_of_blocks_is_that_of_differences_of_their_means():
     means = np.random.default_rng(3).normal(0.0, 1e-3, 20_000)
     noise = 0.5 * (means[2:] - means[:-2])
-    found = _relative_noise(0.7 + noise)
+    found = relative_noise(0.7 + noise)
     assert found == pytest.approx(noise.std() / 0.7, rel=0.03)
     # an even change of the rate is no noise; nor is a table at rest
-    assert _relative_noise(np.linspace(0.5, 0.9, len(noise)) + noise) == pytest.approx(
+    assert relative_noise(np.linspace(0.5, 0.9, len(noise)) + noise) == pytest.approx(
         found, rel=0.1
     )
-    assert _relative_noise(noise[:100]) == 0.0
+    assert relative_noise(noise[:100]) == 0.0
 
 
 def spans(walk, acceleration=5.0):

@@ -11,10 +11,10 @@ from sinstool.methods.hse.encoder import table_angle
 from sinstool.methods.hse.rig import EncoderModel, Rig
 from sinstool.methods.hse.segments import SegmentRules, find_segments, turn_statistics
 from sinstool.methods.hse.whole_turn import (
-    _slope,
-    _trend,
     align_whole_turns,
     run_from_turns,
+    slope_of_columns,
+    slope_t,
 )
 from sinstool.simulation.hse_rig import HseRigErrors, HseRigSetup, hse_rig
 from tests.helpers import hse_exact as exact
@@ -423,9 +423,9 @@ def test_single_errors_make_the_published_changes(errors, xi, slope, axial, offs
 def test_sigma_of_a_slope_is_that_of_regression(count):
     random = np.random.default_rng(count)
     x, y = np.sort(random.uniform(0.0, 9.0, count)), random.standard_normal((count, 3))
-    slope, sigma = _slope(x, y)
+    slope, sigma = slope_of_columns(x, y)
     for k in range(3):
         line = linregress(x, y[:, k])
         assert slope[k] == pytest.approx(line.slope)
         assert sigma[k] == pytest.approx(line.stderr)
-        assert _trend(x, y[:, k]) == pytest.approx(line.slope / line.stderr)
+        assert slope_t(x, y[:, k]) == pytest.approx(line.slope / line.stderr)

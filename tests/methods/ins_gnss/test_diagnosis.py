@@ -12,7 +12,7 @@ from sinstool.core.rotation import exp, from_dcm, multiply, normalise
 from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.methods.coning.registry import algorithm
 from sinstool.methods.coning.stage import ConingStage
-from sinstool.methods.ins_gnss.diagnosis import _intervals, diagnose
+from sinstool.methods.ins_gnss.diagnosis import diagnose, intervals_of
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import split_position_velocity
 from sinstool.methods.ins_gnss.receiver_offsets import estimate_offsets, settle
@@ -340,7 +340,7 @@ def test_what_a_gap_hides_is_not_integrated():
     """The update after a gap stands for five usual intervals at most, not for all of the gap."""
     ends = np.array([10, 20, 30, 2030, 2040, 2050], dtype=np.int64) * 1_000_000
     updates = SimpleNamespace(time_ns=ends)
-    np.testing.assert_allclose(_intervals(updates), [0.01, 0.01, 0.01, 0.05, 0.01, 0.01])
+    np.testing.assert_allclose(intervals_of(updates), [0.01, 0.01, 0.01, 0.05, 0.01, 0.01])
 
 
 ON_THE_SPOT, MAST = np.array([1.0, -0.5, -1.0]), np.array([-2.5, 1.5, -1.0])

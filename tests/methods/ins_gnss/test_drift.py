@@ -16,7 +16,7 @@ def test_a_restart_admits_what_explains_the_drift():
     vehicle = np.zeros(layout.VEHICLE_SIZE)
     m = layout.new_memory(nav, np.zeros(24), p0, new_state(), vehicle)
     m.rejected[:3] = [30.0, -40.0, 5.0]
-    gnss._admit_drift(m, 20.0)
+    gnss.admit_drift(m, 20.0)
     sigma = np.sqrt(np.diag(m.p))
     assert sigma[states.VELOCITY : states.VELOCITY + 3] == pytest.approx([1.5, 2.0, 0.25])
     # 50 m within 20 s are half of g times the tilt times the time squared
@@ -25,5 +25,5 @@ def test_a_restart_admits_what_explains_the_drift():
     assert sigma[states.ATTITUDE + 2] == pytest.approx(1e-3)
     before = m.p.copy()
     m.rejected[:3] = 1e-6
-    gnss._admit_drift(m, 20.0)
+    gnss.admit_drift(m, 20.0)
     assert np.array_equal(m.p, before)  # never less than what is uncertain already

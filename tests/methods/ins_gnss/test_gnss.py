@@ -41,7 +41,7 @@ def turning(m, nav, rate=OMEGA):
 
 def compared(m, model, fix, back, sigma=(np.nan,) * 6):
     diagnosis = np.zeros(layout.DIAGNOSTICS)
-    rows = gnss._compare(m, model, np.concatenate([fix, sigma]), back, diagnosis)
+    rows = gnss.compare(m, model, np.concatenate([fix, sigma]), back, diagnosis)
     return m.h[:rows, : m.n].copy(), m.nu[:rows].copy(), m.r[:rows].copy()
 
 

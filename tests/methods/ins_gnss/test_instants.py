@@ -88,7 +88,7 @@ def test_jumps_of_a_barometer_after_each_other_leave_the_height_in_doubt(flown, 
     m, model = run._memory, run._model
     m.now, m.jump_at, m.distrust = 1e7, 1e7 - apart, -np.inf
     before = run.covariance
-    baro._after_jump(m, model)
+    baro.after_jump(m, model)
     expected = before.copy()
     if apart == 1.0:
         gate = model.channel_gate

@@ -85,7 +85,7 @@ def test_errors_of_attitude_stay_in_the_body_and_covariances_symmetric():
     m.x[ATTITUDE : ATTITUDE + 3] = 0.1, -0.2, 0.7
     m.keep = 0
     turned = rotation.to_dcm(rotation.exp(m.x[ATTITUDE : ATTITUDE + 3])) @ c
-    instants._turn_errors(m, np.zeros((1, 1)))
+    instants.turn_errors(m, np.zeros((1, 1)))
     old, new = np.eye(n), np.eye(n)
     block = slice(ATTITUDE, ATTITUDE + 3)
     old[block, block], new[block, block] = c.T, turned.T

@@ -51,7 +51,7 @@ def test_rows_are_derivatives_of_the_innovations(speed):
             error[state] = sign * step
             memory.nav[:], memory.vehicle[:], memory.rolling[:] = nav, vehicle, rate
             instants.corrected(nav, -error, memory.nav)
-            instants._feed_back_vehicle(memory.vehicle, -error, first)
+            instants.feed_back_vehicle(memory.vehicle, -error, first)
             bias = memory.rolling[:3]
             bias += sign * step * (np.arange(3) == state - gyro)
             land_vehicle.rolling_rows(memory, model, speed)
@@ -76,7 +76,7 @@ def test_the_estimate_turns_the_mount():
     vehicle = np.concatenate([np.eye(3).ravel(), [0.0, 0.0, 0.0, 0.0]])
     x = np.zeros(6)
     x[:4] = 0.02, -0.05, 0.4, 1e-3
-    instants._feed_back_vehicle(vehicle, x, 0)
+    instants.feed_back_vehicle(vehicle, x, 0)
     expected = rotation.to_dcm(rotation.exp([0.0, 0.02, -0.05]))
     assert vehicle[:9].reshape(3, 3) == pytest.approx(expected, abs=1e-12)
     assert vehicle[9:].tolist() == [0.4, 1e-3, 0.0, 0.0]

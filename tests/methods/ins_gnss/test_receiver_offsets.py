@@ -8,13 +8,13 @@ import pytest
 from sinstool.methods.ins_gnss import receiver_offsets
 from sinstool.methods.ins_gnss.offset_scores import _FAR, OffsetScores
 from sinstool.methods.ins_gnss.receiver_offsets import (
-    _LEAST,
-    _LEAST_SIGMA_M,
-    _LEAST_SIGMA_S,
+    LEAST_ARM_SIGMA_M,
+    LEAST_EPOCHS,
+    LEAST_LATENCY_SIGMA_S,
     ReceiverOffsets,
-    _solved,
     estimate_offsets,
     settle,
+    solved_offsets,
 )
 from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.receiver_priors import ARM_UNKNOWN_M, LATENCY_S
@@ -63,7 +63,7 @@ def test_a_bad_fix_hardly_moves_the_latency():
     good.score[200, 0] += 400.0 * 30.0  # says 30 s
     good.nis[200] = 400.0 * 30.0**2
     usual = np.zeros(4)
-    latency, covariance, _ = _solved(good, usual, usual, 1.0)
+    latency, covariance, _ = solved_offsets(good, usual, usual, 1.0)
     assert latency[0] == pytest.approx(0.05, abs=0.01)
     # The prior, 0.2 s, has no say beside 400 epochs of 0.05 s each
     assert np.sqrt(covariance[0, 0]) < 0.1 * LATENCY_S
@@ -82,7 +82,7 @@ def test_innovations_beyond_what_is_expected_make_offsets_that_much_less_certain
         information=np.swapaxes(design, 1, 2) @ design,
         score=np.einsum("kij,ki->kj", design, seen),
     )
-    found, covariance, misfit = _solved(made, np.zeros(4), np.zeros(4), ARM_UNKNOWN_M)
+    found, covariance, misfit = solved_offsets(made, np.zeros(4), np.zeros(4), ARM_UNKNOWN_M)
     assert misfit == pytest.approx(excess, rel=0.1)
     prior = np.diag(1.0 / np.array([LATENCY_S, *[ARM_UNKNOWN_M] * 3]))
     rows = np.concatenate([design.reshape(-1, 4) / np.sqrt(excess), prior])
@@ -90,11 +90,13 @@ def test_innovations_beyond_what_is_expected_make_offsets_that_much_less_certain
     np.testing.assert_allclose(found, np.linalg.lstsq(rows, right)[0], rtol=1e-3)
     white = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
     # added to it is what no offset is known better than; it counts scatter between stretches too
-    sigma = np.sqrt(np.diag(covariance) - np.square([_LEAST_SIGMA_S, *[_LEAST_SIGMA_M] * 3]))
+    sigma = np.sqrt(
+        np.diag(covariance) - np.square([LEAST_LATENCY_SIGMA_S, *[LEAST_ARM_SIGMA_M] * 3])
+    )
     assert np.all(sigma > 0.95 * white) and np.all(sigma < 1.5 * white)
 
 
-@pytest.mark.parametrize("count", [_LEAST - 1, _LEAST])
+@pytest.mark.parametrize("count", [LEAST_EPOCHS - 1, LEAST_EPOCHS])
 def test_a_few_epochs_give_no_offsets(monkeypatch, count):
     made = scores(np.full(count, 6.0))
     # That of the gyros says nothing
@@ -102,7 +104,7 @@ def test_a_few_epochs_give_no_offsets(monkeypatch, count):
     made = replace(made, information=information, score=np.pad(made.score, ((0, 0), (0, 1))))
     monkeypatch.setattr(receiver_offsets, "offset_scores", lambda *_: made)
     found = estimate_offsets(None, Settings(), [], None)
-    assert (found is None) == (count < _LEAST)
+    assert (found is None) == (count < LEAST_EPOCHS)
 
 
 @pytest.mark.parametrize(

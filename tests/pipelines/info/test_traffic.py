@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sinstool.pipelines.info.run import _topic, _Traffic
+from sinstool.pipelines.info.run import TopicTraffic, topic_of
 
 SECOND = 1_000_000_000
 
@@ -15,7 +15,7 @@ def test_times_of_a_topic_are_those_of_all_its_messages(seed, blocks):
     random = np.random.default_rng(seed)
     times = 50 * SECOND + np.arange(200) * SECOND // 10
     times += random.integers(-SECOND, SECOND, 200)
-    traffic = _Traffic()
+    traffic = TopicTraffic()
     for part in np.array_split(times, blocks):
         traffic.add(part, 24 * len(part))
     steps = np.diff(times)
@@ -23,5 +23,5 @@ def test_times_of_a_topic_are_those_of_all_its_messages(seed, blocks):
     assert (traffic.first, traffic.last) == (times[0], times[-1])
     assert traffic.longest == steps.max() and traffic.backward == np.count_nonzero(steps < 0)
     assert (traffic.count, traffic.size) == (200, 4800)
-    topic = _topic("/imu", traffic)
+    topic = topic_of("/imu", traffic)
     assert topic.rate_hz == pytest.approx(199.0 / ((times.max() - times.min()) * 1e-9))

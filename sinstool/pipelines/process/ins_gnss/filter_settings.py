@@ -57,7 +57,7 @@ def filter_settings(
     baro = _baro_model(config, grade, model, reference)
     settings = Settings(
         filter=options.filter,
-        imu=_imu(source, config, judged),
+        imu=imu_noise_of(source, config, judged),
         gnss=model,
         baro=baro,
         network=damping,
@@ -87,14 +87,14 @@ def filter_settings(
     )
 
 
-def _imu(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
+def imu_noise_of(source: Source, config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     """Errors of the sensors: of a grade, with no less white noise than the log shows.
 
     That is what a rest shows, or motion, where that is less, but for a MEMS grade. Noise tells a
     navigation grade from others, but leaves its biases open, and scale factors are then no better
     than those of the grade below.
     """
-    noise, walks = _of_grade(config, grade), _walks_at_rest(source)
+    noise, walks = of_grade(config, grade), _walks_at_rest(source)
     options, file = config.in_flight, config.navigation.imu_noise
     if grade.by_drift:
         # Which says little of the biases at the start, and of how the axes lie in the case
@@ -126,7 +126,7 @@ def _walks_at_rest(source: Source) -> tuple[float, float] | None:
     return None if walks is None or shown is None else (shown, walks[1])
 
 
-def _of_grade(config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
+def of_grade(config: ProcessConfig, grade: ImuGrade) -> SensorGrade:
     """Errors of a grade, with the axes and the calibration that innovations show."""
     if grade.uncalibrated is None:
         return misaligned(imu_noise(config, grade.grade, has_scales(config)), grade.misaligned)

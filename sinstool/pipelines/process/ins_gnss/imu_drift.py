@@ -139,7 +139,7 @@ class NoiseFactors:
 
 
 @dataclass(frozen=True)
-class _Windows:
+class WindowErrors:
     """Errors of two runs in the windows without fixes.
 
     Attributes
@@ -257,7 +257,7 @@ class Drift:
 
     @property
     def ratio(self) -> float:
-        """Drift over its sigma, see :class:`_Windows`."""
+        """Drift over its sigma, see :class:`WindowErrors`."""
         windows = self._as_graded
         return 1.0 if windows is None else windows.ratio
 
@@ -335,7 +335,7 @@ class Drift:
     def _cost(self, settings: Settings) -> float:
         if self._as_graded is None:
             return np.inf
-        return self._weight * cost(*self._window_errors(settings))
+        return self._weight * cost(*self.window_errors(settings))
 
     @property
     def _weight(self) -> float:
@@ -343,7 +343,7 @@ class Drift:
 
     def _errors(self, gyro: float, accel: float, scale: float) -> tuple[FloatArray, FloatArray]:
         factors = NoiseFactors(gyro, accel, scale, self._white)
-        return self._window_errors(factors.of(self._start.settings, not self._estimated))
+        return self.window_errors(factors.of(self._start.settings, not self._estimated))
 
     @cached_property
     def _gnss(self) -> GnssEpochs:
@@ -375,7 +375,7 @@ class Drift:
         epochs = run.push(increments, gnss, left_out).gnss
         return take_rows(epochs, np.isfinite(epochs.innovation[:, 1])), run.summary.restarts
 
-    def _window_errors(self, settings: Settings) -> tuple[FloatArray, FloatArray]:
+    def window_errors(self, settings: Settings) -> tuple[FloatArray, FloatArray]:
         """Errors at all times in `LOOKS` of the windows that count, and their sigmas."""
         windows, gnss, increments = self._as_graded, self._gnss, self._increments
         assert windows is not None and increments is not None
@@ -403,7 +403,7 @@ class Drift:
         return np.concatenate(errors), np.concatenate(sigmas)
 
     @cached_property
-    def _as_graded(self) -> _Windows | None:
+    def _as_graded(self) -> WindowErrors | None:
         """Windows with the settings of the start; None without a log."""
         if self._increments is None:
             return None
@@ -421,8 +421,8 @@ class Drift:
             errors.append(epochs.innovation[at, :3])
             sigmas.append(epochs.innovation_sigma[at, :3])
             times.append(epochs.time_ns[at])
-            moved.append(self._moved(epochs, begin, end))
-        return _Windows(
+            moved.append(self.moved_between(epochs, begin, end))
+        return WindowErrors(
             np.concatenate(errors),
             np.concatenate(sigmas),
             np.concatenate(moved),
@@ -430,7 +430,9 @@ class Drift:
             tuple(times),
         )
 
-    def _moved(self, epochs: GnssDiagnostics, begin: np.ndarray, end: np.ndarray) -> BoolArray:
+    def moved_between(
+        self, epochs: GnssDiagnostics, begin: np.ndarray, end: np.ndarray
+    ) -> BoolArray:
         """Windows in which the vehicle moves; only those without a stop, if it is shaken at rest.
 
         An engine or people that shake a vehicle at rest are not noise of the IMU.

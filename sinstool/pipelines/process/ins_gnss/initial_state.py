@@ -136,7 +136,7 @@ def find_start(
                 " --imu-grade"
             )
         raise AlignmentError(message, hint, exc.uncertain, exc.consistent) from exc
-    return FoundStart(start, time_ns, _how(alignment, covariance), alignment)
+    return FoundStart(start, time_ns, in_words(alignment, covariance), alignment)
 
 
 def _aligned(
@@ -263,7 +263,7 @@ _BIAS = {
 }
 
 
-def _how(alignment: Alignment, covariance: np.ndarray) -> str:
+def in_words(alignment: Alignment, covariance: np.ndarray) -> str:
     """Source of the attitude in words."""
     if alignment.method not in IN_FLIGHT or alignment.held_ns is None:
         shown = "; gyro bias from motion" if alignment.bias_source == "alignment" else ""

@@ -48,10 +48,10 @@ def with_lasting_velocity(
     settings = replace(shown.settings, network=None)
     run = InsGnssFilter(shown.start, settings, with_baro=False, output=False)
     epochs = run.push(motion, shown.used).gnss
-    level = _larger(epochs, slice(3, 5))
+    level = noise_factor(epochs, slice(3, 5))
     if level < COUNTS:
         return start
-    factor = np.array([level, level, max(_larger(epochs, slice(5, 6)), 1.0)])
+    factor = np.array([level, level, max(noise_factor(epochs, slice(5, 6)), 1.0)])
     model, begun = start.settings.gnss, start.start
     before = np.square(model.velocity_white)
     north, east, down = np.sqrt(factor * before).tolist()
@@ -66,7 +66,7 @@ def with_lasting_velocity(
     )
 
 
-def _larger(epochs: GnssDiagnostics, columns: slice) -> float:
+def noise_factor(epochs: GnssDiagnostics, columns: slice) -> float:
     """Squared sums of innovations over their expectation, at the least; 1 if too few show it."""
     values = epochs.innovation[:, columns] / epochs.innovation_sigma[:, columns]
     good = np.isfinite(values).all(axis=1)

@@ -119,11 +119,13 @@ def with_slow_errors(
     most = made.settings.gnss.position_markov[0] * STEP ** (len(larger) - 2)
     return replace(
         _described(made, ", by all innovations" * any(best), most if len(larger) > 2 else 0.0),
-        expected_slow_errors=_expected(made, np.array(larger)) if best == (0, 0) else (1.0, 1.0),
+        expected_slow_errors=expected_factors(made, np.array(larger))
+        if best == (0, 0)
+        else (1.0, 1.0),
     )
 
 
-def _expected(start: FilterStart, costs: FloatArray) -> tuple[float, float]:
+def expected_factors(start: FilterStart, costs: FloatArray) -> tuple[float, float]:
     """Slow errors to expect over those of a start, horizontal and vertical.
 
     Parameters

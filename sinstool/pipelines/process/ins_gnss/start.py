@@ -81,7 +81,7 @@ def timed_start(
     start = start or timed(source, config, algorithm, first)
     if config.navigation.imu_grade == "auto":
         first, start = _fitted(source, config, algorithm, first, start)
-        start = _drifting(source, config, algorithm, first, start)
+        start = drifting(source, config, algorithm, first, start)
         # With a poor IMU the slow errors of fixes do not show: once more with a better one
         start = _wandering(source, config, algorithm, start)
     start = with_likeliest(source, config, algorithm, start, start.by_the_fixes)
@@ -162,10 +162,10 @@ def timed(
         found = find_start(source, here, timed, fixes, aligned, near=first.alignment)
         start = start_in_longest(source, config, replace(first.at(found), settings=timed))
         start = with_likeliest(source, config, algorithm, start, start)
-        return _with_noise(source, config, algorithm, start)
+        return with_noise(source, config, algorithm, start)
 
     first = with_likeliest(source, config, algorithm, first, first)
-    noisy = _with_noise(source, config, algorithm, first)
+    noisy = with_noise(source, config, algorithm, first)
     if noisy.noisier != first.noisier:
         # The start is one at fixes, and may use their speed
         first = noisy
@@ -179,10 +179,10 @@ def timed(
             first = timed
             noisy = begin(first.settings.gnss_latency, None)
             timed = with_offsets(source, config, algorithm, noisy, begin)
-    return _wandering(source, config, algorithm, _without_trial(timed))
+    return _wandering(source, config, algorithm, without_trial(timed))
 
 
-def _without_trial(start: FilterStart) -> FilterStart:
+def without_trial(start: FilterStart) -> FilterStart:
     """A start with the likeliest latency, if that of the fixes it was found at was a mere trial.
 
     The log does not show the latency then, and the one tried may be far beyond its prior.
@@ -255,7 +255,7 @@ def _fitted(
                 " large as expected"
             )
         try:
-            begun = _begun_as(source, config, first, ImuGrade(worse, why), start.lag)
+            begun = begun_as(source, config, first, ImuGrade(worse, why), start.lag)
         except AlignmentError:
             break
         other = timed(source, config, algorithm, begun)
@@ -267,7 +267,7 @@ def _fitted(
     return first, start
 
 
-def _drifting(
+def drifting(
     source: Source,
     config: ProcessConfig,
     algorithm: ConingAlgorithm,
@@ -289,7 +289,7 @@ def _drifting(
         # Noise at rest says nothing about biases and scale factors
         why = f"drifts {drift.ratio:.2g} times as far without fixes as {start.grade.grade} allows"
         try:
-            begun = _begun_as(source, config, first, ImuGrade(worse, why), start.lag)
+            begun = begun_as(source, config, first, ImuGrade(worse, why), start.lag)
             other = timed(source, config, algorithm, begun)
         except AlignmentError:
             begun, other = first, start
@@ -381,12 +381,12 @@ def _calibrated(
     if judged is None or replace(judged, why="") == ImuGrade(start.grade.grade, ""):
         return first, start, drift, fits
     log_choice("IMU grade", f"{judged.grade}, {judged.why}")
-    first, other = _as_judged(source, config, algorithm, first, start, judged)
+    first, other = as_judged(source, config, algorithm, first, start, judged)
     other, drift = _as_quiet_as_in_motion(source, config, algorithm, other)
     return first, other, drift, GradeFits(source, config, algorithm, other, drift.factors())
 
 
-def _as_judged(
+def as_judged(
     source: Source,
     config: ProcessConfig,
     algorithm: ConingAlgorithm,
@@ -404,11 +404,11 @@ def _as_judged(
     kept = replace(judged, why=f"{start.grade.why}; {judged.why}", aligned_as=before)
     other = as_graded(source, config, start, kept)
     aligned = imu_noise(config, before, has_scales(config))
-    same = replace(first, grade=kept), _less_level(other, aligned, other.settings.imu)
+    same = replace(first, grade=kept), less_level(other, aligned, other.settings.imu)
     if judged.grade == before:
         return same
     with suppress(AlignmentError):
-        begun = _begun_as(source, config, first, judged, start.lag)
+        begun = begun_as(source, config, first, judged, start.lag)
         anew = _timed_unless(source, config, algorithm, begun, same[1])
         return same if anew is same[1] else (begun, anew)
     return same
@@ -428,7 +428,7 @@ def _timed_unless(
     return same if worse else anew
 
 
-def _less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> FilterStart:
+def less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> FilterStart:
     """A start with the sigmas of tilt of its own accelerometers, if aligned with better ones."""
     felt = as_if_aligned(imu).accel_bias ** 2 - as_if_aligned(aligned).accel_bias ** 2
     tilt = max(felt, 0.0) / STANDARD_GRAVITY**2
@@ -436,7 +436,7 @@ def _less_level(start: FilterStart, aligned: SensorGrade, imu: SensorGrade) -> F
     return replace(start, start=replace(start.start, covariance_attitude_n=covariance))
 
 
-def _begun_as(
+def begun_as(
     source: Source, config: ProcessConfig, first: FilterStart, grade: ImuGrade, lag: float
 ) -> FilterStart:
     """A first start with another grade of the IMU, aligned with that grade if possible.
@@ -453,7 +453,7 @@ def _begun_as(
     return regraded(source, config, first, grade)
 
 
-def _with_noise(
+def with_noise(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
 ) -> FilterStart:
     """A start with the white share of the fixes' noise, configured or estimated."""

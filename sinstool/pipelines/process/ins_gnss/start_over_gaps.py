@@ -103,7 +103,7 @@ def _step(
     rows = _after_fixes(start, updates.time_ns)
     sure = (tilt < TILT_SIGMA) & (np.sqrt(covariance[:, 2, 2]) < HEADING_SIGMA)
     rows = rows[(sure & ~bridged & (crossed > 0))[rows]]
-    for row in _choices(rows, crossed):
+    for row in choices_of_rows(rows, crossed):
         alignment = _alignment(start.alignment, smoothed.start, q_nb[row], covariance[row])
         alignment = replace(alignment, time_ns=int(updates.time_ns[row]))
         earlier = _begun(source, config, algorithm, start, alignment)
@@ -115,7 +115,7 @@ def _step(
     return None
 
 
-def _choices(rows: IntArray, crossed: IntArray) -> list[int]:
+def choices_of_rows(rows: IntArray, crossed: IntArray) -> list[int]:
     """The earliest of some rows, and the earliest over half as many gaps, and so on."""
     most, chosen = int(crossed[rows].max(initial=0)), list[int]()
     while most:
@@ -181,14 +181,14 @@ def _updates(
     updates = concatenate(made)
     after = int(np.searchsorted(updates.time_ns, end_ns + round(BESIDE * SECOND), "right"))
     updates = take_rows(updates, slice(0, max(after, 1)))
-    whole, bridged = _bridged(updates)
+    whole, bridged = with_bridges(updates)
     inside = whole.time_ns <= end_ns
     if not inside.any() or int(whole.time_ns[inside][-1]) != end_ns:
         return nothing  # the start is no end of an update
     return take_rows(whole, inside), bridged[inside]
 
 
-def _bridged(updates: Increments) -> tuple[Increments, BoolArray]:
+def with_bridges(updates: Increments) -> tuple[Increments, BoolArray]:
     """Updates with another for each gap, of the mean motion on both sides as in a filter."""
     dt = updates.interval
     waited = np.diff(updates.time_ns) / SECOND - dt[1:]

@@ -212,7 +212,7 @@ def with_offsets(
             return np.inf
         settings = replace(start.settings, gnss=first.settings.gnss)
         start = replace(start, gnss=first.gnss, settings=settings)
-        shown = _with_same_start(source, config, algorithm, start)(latency, None)
+        shown = with_same_start(source, config, algorithm, start)(latency, None)
         return np.inf if shown is None else shown.square
 
     begins, at_first = assumed, None
@@ -232,7 +232,7 @@ def with_offsets(
         worse = best.found.tried and best.found.tried[-1][1].square > at_first
         # The latency settled on may explain the fixes no better than the one assumed
         if worse and square(used) > at_first:
-            same = _with_same_start(source, config, algorithm, first)
+            same = with_same_start(source, config, algorithm, first)
             likelier = likeliest(same, (assumed, used), offsets.arm_elsewhere_b)
             if likelier is not None:
                 used, offsets = likelier
@@ -288,7 +288,7 @@ def _with_arm(
         begun = begin(latency, arm_b)
     except AlignmentError:
         return start
-    same = _with_same_start(source, config, algorithm, begun)
+    same = with_same_start(source, config, algorithm, begun)
     before, after = same(latency, np.zeros(3)), same(latency, arm_b)
     if before is None or after is None:
         return start
@@ -303,7 +303,7 @@ def _with_arm(
     )
 
 
-def _with_same_start(
+def with_same_start(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> Callable[[float, FloatArray | None], ReceiverOffsets | None]:
     """Estimates about a latency, s, and an arm (None: the one in use), from one and the same start.
@@ -329,7 +329,7 @@ def _likeliest_latency(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, first: FilterStart
 ) -> float:
     """Latency, s, with the least misfit, of `LATENCIES` and those near the best of them."""
-    about = _with_same_start(source, config, algorithm, first)
+    about = with_same_start(source, config, algorithm, first)
 
     @cache
     def misfit(latency: float) -> float:

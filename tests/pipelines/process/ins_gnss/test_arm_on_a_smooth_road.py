@@ -11,7 +11,7 @@ from sinstool.config import ProcessConfig
 from sinstool.io.readers import open_log
 from sinstool.pipelines.plan import make_plan
 from sinstool.pipelines.process.ins_gnss import timing
-from sinstool.pipelines.process.ins_gnss.start import _with_noise
+from sinstool.pipelines.process.ins_gnss.start import with_noise
 from sinstool.survey.source import prepare
 from tests.helpers.filter_logs import start_of
 from tests.helpers.unseen_drives import LEVER, drive, record, sensor_errors, write
@@ -31,8 +31,8 @@ def test_an_estimate_does_not_follow_the_height_at_which_the_antenna_is_assumed(
     with open_log(logged(tmp_path, 2)) as opened:
         source = prepare(opened, config, None)
         plan = make_plan(source, config)
-        begun = _with_noise(source, config, plan.algorithm, plan.filter_start)
-        about = timing._with_same_start(source, config, plan.algorithm, begun)
+        begun = with_noise(source, config, plan.algorithm, plan.filter_start)
+        about = timing.with_same_start(source, config, plan.algorithm, begun)
         down = [about(0.0, LEVER + np.array([0.0, 0.0, off])).arm_b[2] for off in (0.0, 3.0)]
     assert abs(down[1] - down[0]) < 0.5
 

@@ -17,7 +17,7 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import (
     LOOKS,
     Drift,
     NoiseFactors,
-    _Windows,
+    WindowErrors,
 )
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.survey.source import prepare
@@ -132,14 +132,14 @@ def windows(ratio, count=40, moved=None, restarts=0, seed=0):
     sigma = random.uniform(0.5, 20.0, (count, len(LOOKS), 3))
     error = ratio * sigma * random.standard_normal(sigma.shape)
     moved = np.ones(count, bool) if moved is None else moved
-    return _Windows(error, sigma, moved, restarts)
+    return WindowErrors(error, sigma, moved, restarts)
 
 
 @pytest.mark.slow
 def test_runs_for_the_looks_alone_agree_with_those_that_compare_all(industrial):
     """Fixes that are compared only change nothing but where substeps end."""
     start, drift = drift_of(industrial, **GROUPS)
-    error, sigma = drift._window_errors(start.settings)
+    error, sigma = drift.window_errors(start.settings)
     moved = drift._as_graded.moved
     assert np.isfinite(error).all() and len(error) == np.count_nonzero(moved)
     assert sigma == pytest.approx(drift._as_graded.sigma[moved], rel=0.02)
@@ -176,6 +176,6 @@ def test_windows_with_a_stop_that_shakes_do_not_count_where_enough_have_none(dri
     drift._start = SimpleNamespace(used=gnss, settings=SimpleNamespace(gnss_latency=0.0))
     drift._shaken = shaken
     begin = np.arange(0, 20 * (driven + 2), 20)
-    moved = drift._moved(SimpleNamespace(time_ns=time_ns), begin, begin + 20)
+    moved = drift.moved_between(SimpleNamespace(time_ns=time_ns), begin, begin + 20)
     assert moved[1:-1].all() and not moved[-1]
     assert moved[0] == (driven < LEAST_DRIVEN or not shaken)

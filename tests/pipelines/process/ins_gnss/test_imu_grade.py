@@ -166,7 +166,7 @@ def test_a_drift_makes_an_imu_no_better_than_it_clearly_shows(gains, expected):
 def test_a_drift_does_not_show_biases_nor_how_axes_lie_in_the_case(monkeypatch, grade, worse):
     for name in ("_walks_at_rest", "walks_in_motion"):
         monkeypatch.setattr(filter_settings, name, lambda _: None)
-    imu = filter_settings._imu(None, ProcessConfig(), ImuGrade(grade, "by its drift", True))
+    imu = filter_settings.imu_noise_of(None, ProcessConfig(), ImuGrade(grade, "by its drift", True))
     for name in ("gyro_bias", "accel_bias", "gyro_misalignment", "accel_misalignment"):
         assert getattr(imu, name) == getattr(IMU_GRADES[worse], name)
         assert getattr(imu, name) > getattr(IMU_GRADES[grade], name)
@@ -177,7 +177,9 @@ def test_a_filter_expects_axes_as_misaligned_as_they_are_judged(monkeypatch):
     for name in ("_walks_at_rest", "walks_in_motion"):
         monkeypatch.setattr(filter_settings, name, lambda _: None)
     grade = IMU_GRADES["tactical"]
-    imu = filter_settings._imu(None, ProcessConfig(), ImuGrade("tactical", "", misaligned=4.0))
+    imu = filter_settings.imu_noise_of(
+        None, ProcessConfig(), ImuGrade("tactical", "", misaligned=4.0)
+    )
     assert imu.gyro_misalignment == imu.accel_misalignment == 4.0 * grade.gyro_misalignment
     assert imu.accel_bias == grade.accel_bias and imu.gyro_scale == grade.gyro_scale
 
@@ -248,7 +250,7 @@ def test_a_calibration_in_part_lies_between(share):
         between = (1.0 - share) * np.log(getattr(mems, name)) + share * np.log(getattr(chip, name))
         assert np.log(getattr(imu, name)) == pytest.approx(between)
     assert imu.angle_random_walk == mems.angle_random_walk
-    used = filter_settings._of_grade(ProcessConfig(), ImuGrade("mems", "", uncalibrated=share))
+    used = filter_settings.of_grade(ProcessConfig(), ImuGrade("mems", "", uncalibrated=share))
     assert used == imu
 
 
@@ -333,11 +335,11 @@ class Begun:
 def test_a_start_that_was_aligned_as_a_better_imu_is_less_level():
     mems, chip = IMU_GRADES["mems"], IMU_GRADES["consumer"]
     begun = Begun(Begun(covariance_attitude_n=np.diag([1e-4, 1e-4, 1e-2])))
-    tilt = start._less_level(begun, mems, chip).start.covariance_attitude_n
+    tilt = start.less_level(begun, mems, chip).start.covariance_attitude_n
     felt = (chip.accel_bias**2 - mems.accel_bias**2) / 9.80665**2
     felt += chip.accel_misalignment**2 - mems.accel_misalignment**2
     assert np.allclose(np.diag(tilt), [1e-4 + felt, 1e-4 + felt, 1e-2])
-    same = start._less_level(begun, chip, mems).start.covariance_attitude_n
+    same = start.less_level(begun, chip, mems).start.covariance_attitude_n
     assert np.array_equal(same, begun.start.covariance_attitude_n)
 
 
@@ -386,7 +388,7 @@ def test_another_grade_is_aligned_as_before_rather_than_at_another_time(
     monkeypatch.setattr(start, "first_start", anew)
     monkeypatch.setattr(start, "regraded", lambda *_: SimpleNamespace(how="as before"))
     grade = ImuGrade("consumer", "by innovations")
-    assert start._begun_as(None, ProcessConfig(), first, grade, 0.0).how == begun
+    assert start.begun_as(None, ProcessConfig(), first, grade, 0.0).how == begun
 
 
 @dataclass
@@ -413,11 +415,11 @@ def test_another_grade_keeps_a_latency_that_explains_the_fixes_better(monkeypatc
         return Choice(how, grade, SimpleNamespace(imu=None))
 
     monkeypatch.setattr(start, "as_graded", lambda *_: begun("kept", chip))
-    monkeypatch.setattr(start, "_less_level", lambda other, *_: other)
-    monkeypatch.setattr(start, "_begun_as", lambda *_: begun("first", chip))
+    monkeypatch.setattr(start, "less_level", lambda other, *_: other)
+    monkeypatch.setattr(start, "begun_as", lambda *_: begun("first", chip))
     monkeypatch.setattr(start, "timed", lambda *_: begun("anew", chip))
     monkeypatch.setattr(start, "fit", lambda _, __, ___, how: Fit(1.0, cost[how], 100))
-    first, other = start._as_judged(
+    first, other = start.as_judged(
         None, ProcessConfig(), None, begun("before", mems), begun("before", mems), chip
     )
     assert other.how == used
@@ -456,7 +458,7 @@ def test_a_better_grade_by_drift_takes_no_start_that_fits_the_fixes_worse(monkey
     monkeypatch.setattr(start, "timed", lambda *args: begun("anew", args[-1].grade))
     cost = dict(zip(("anew", "regraded"), costs or (), strict=False))
     monkeypatch.setattr(start, "fit", lambda _, __, ___, how: Fit(1.0, cost[how], 100))
-    made = start._drifting(None, ProcessConfig(), None, begun("first"), begun("before"))
+    made = start.drifting(None, ProcessConfig(), None, begun("first"), begun("before"))
     assert made.how == used
     assert made.grade.grade == ("tactical" if costs is None else "navigation")
 

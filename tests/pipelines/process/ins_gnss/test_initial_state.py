@@ -13,7 +13,7 @@ from sinstool.core.rotation import to_dcm
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.pipelines.process.ins_gnss import initial_state
-from sinstool.pipelines.process.ins_gnss.initial_state import _how
+from sinstool.pipelines.process.ins_gnss.initial_state import in_words
 from tests.helpers.filter_logs import first_start_of, start_of
 from tests.helpers.imulogs import T0
 from tests.helpers.unseen_drives import (
@@ -36,7 +36,7 @@ def test_which_way_an_attitude_was_carried(held_s, text):
     found = SimpleNamespace(
         method="svd", held_ns=held_s * SECOND, time_ns=0, bias_source="alignment"
     )
-    said = _how(found, np.diag(np.deg2rad([0.1, 0.1, 0.4]) ** 2))
+    said = in_words(found, np.diag(np.deg2rad([0.1, 0.1, 0.4]) ** 2))
     assert f"carried {text};" in said and said.endswith("heading known to 0.4 deg")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.trusted_navigation import process
-from sinstool.pipelines.process.ins_gnss.lasting_velocity import _larger
+from sinstool.pipelines.process.ins_gnss.lasting_velocity import noise_factor
 from tests.helpers.unseen_drives import (
     DEG,
     GRADES,
@@ -59,13 +59,13 @@ def test_sums_of_innovations_show_how_long_errors_last(seed, share, least, most)
     epochs = SimpleNamespace(
         time_ns=time_ns, innovation=innovation, innovation_sigma=np.ones((count, 6))
     )
-    assert least < _larger(epochs, slice(3, 5)) < most
+    assert least < noise_factor(epochs, slice(3, 5)) < most
     few = SimpleNamespace(
         time_ns=time_ns[:90], innovation=innovation[:90], innovation_sigma=np.ones((90, 6))
     )
-    assert _larger(few, slice(3, 5)) == 1.0
+    assert noise_factor(few, slice(3, 5)) == 1.0
     innovation[:, 3] = np.nan  # positions only
-    assert _larger(epochs, slice(3, 5)) == 1.0
+    assert noise_factor(epochs, slice(3, 5)) == 1.0
 
 
 @pytest.mark.slow

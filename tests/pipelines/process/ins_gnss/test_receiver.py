@@ -168,7 +168,7 @@ def test_the_first_and_last_fixes_have_velocities_where_they_are_wanted(rate, no
 def test_velocities_that_share_their_fixes_are_worth_less_together():
     gnss = epochs(noise=0.3)
     alone = with_velocities(gnss, 0.3).sigma_velocity_n[20:-20, 2]
-    many = fix_velocity._half(seconds_of(gnss), 0.3) / np.median(np.diff(seconds_of(gnss)))
+    many = fix_velocity.half_width(seconds_of(gnss), 0.3) / np.median(np.diff(seconds_of(gnss)))
     together = with_velocities(gnss, 0.3, 0.0).sigma_velocity_n[20:-20, 2]
     assert np.median(together / alone) == pytest.approx(np.sqrt(many), rel=0.15)
     # What a slow error changes by in a second, over half a window, and lasts as long
@@ -210,7 +210,7 @@ def test_sigmas_of_velocities_from_positions_are_those_of_parabolas(interval, no
     down = 0.02 * t**3 - 3.0 * np.sin(t) + noise * random.standard_normal(len(t))
     gnss = straight(np.round(t * 1e9).astype(np.int64), speed=0.0)
     made = with_velocities(dataclasses.replace(gnss, height=-down), noise)
-    half = fix_velocity._half(t, noise)
+    half = fix_velocity.half_width(t, noise)
     for k in range(10, 50):
         near = np.abs(t - t[k]) <= half + 1e-9
         at = t[near] - t[k]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.trusted_navigation import process
-from sinstool.pipelines.process.ins_gnss.slow_errors import _expected
+from sinstool.pipelines.process.ins_gnss.slow_errors import expected_factors
 from tests.helpers.filter_logs import start_of
 from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
 from tests.helpers.unseen_errors import shaken, smoothed_by_receiver, wandering
@@ -169,6 +169,6 @@ def test_errors_beyond_all_that_the_receiver_states_are_not_expected():
     gnss = SimpleNamespace(position_markov=(0.1, 0.1, 0.1), position_white=(1.0, 1.0, 1.0))
     start = SimpleNamespace(settings=SimpleNamespace(gnss=gnss))
     costs = np.array([3655.0, 3655.0, 3655.0, 3654.5, 3654.0, 3656.0, 1752.0, 1887.0])
-    assert _expected(start, costs) == (1.0, 1.0)
+    assert expected_factors(start, costs) == (1.0, 1.0)
     costs[3] -= 20.0
-    assert _expected(start, costs) == pytest.approx((8.0, 8.0), rel=0.01)
+    assert expected_factors(start, costs) == pytest.approx((8.0, 8.0), rel=0.01)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sinstool.methods.strapdown.velocity import Increments
-from sinstool.pipelines.process.ins_gnss.start_over_gaps import _bridged, _choices
+from sinstool.pipelines.process.ins_gnss.start_over_gaps import choices_of_rows, with_bridges
 
 
 @pytest.mark.parametrize(
@@ -17,7 +17,7 @@ from sinstool.pipelines.process.ins_gnss.start_over_gaps import _bridged, _choic
     ],
 )
 def test_over_ever_fewer_gaps(crossed, rows, chosen):
-    assert _choices(np.array(rows, dtype=np.int64), np.array(crossed)) == chosen
+    assert choices_of_rows(np.array(rows, dtype=np.int64), np.array(crossed)) == chosen
 
 
 def test_a_gap_is_bridged_by_the_mean_motion_on_both_sides():
@@ -28,7 +28,7 @@ def test_a_gap_is_bridged_by_the_mean_motion_on_both_sides():
     time_ns[300:] += 400_000_000
     rate = np.where(np.arange(n)[:, None] < 300, 0.2, 0.4) + 2.0 * random.standard_normal((n, 3))
     made = Increments(np.arange(n), time_ns, np.full(n, dt), dt * rate, np.full((n, 3), 9.8 * dt))
-    whole, bridged = _bridged(made)
+    whole, bridged = with_bridges(made)
     assert np.flatnonzero(bridged).tolist() == [300]
     assert whole.interval[300] == pytest.approx(0.4)
     assert whole.time_ns[300] == time_ns[300] - 5_000_000

@@ -7,7 +7,7 @@ import pytest
 
 from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
 from sinstool.methods.receiver_priors import LATENCY_S
-from sinstool.pipelines.process.ins_gnss.start import _without_trial
+from sinstool.pipelines.process.ins_gnss.start import without_trial
 from tests.helpers.filter_logs import first_start_of
 from tests.helpers.unseen_drives import GRADES, drive, record, write
 
@@ -39,7 +39,7 @@ def test_an_unseen_latency_is_no_less_certain_than_its_prior(begun):
     """A balloon whose start was found at a rough latency was uncertain by 1.3 s."""
     tried = estimated(begun, -1.25, 0.04, 0.15, "not observable")
     assert sigma_of(tried) > 1.2
-    used = _without_trial(tried)
+    used = without_trial(tried)
     assert used.settings.gnss_latency == 0.04
     assert sigma_of(used) == pytest.approx(0.15)
     assert sigma_of(used) <= LATENCY_S
@@ -55,4 +55,4 @@ def test_an_unseen_latency_is_no_less_certain_than_its_prior(begun):
 )
 def test_other_latencies_stay(begun, tried, status):
     start = estimated(begun, tried, 0.04, 0.02, status)
-    assert _without_trial(start) is start
+    assert without_trial(start) is start
