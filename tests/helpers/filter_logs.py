@@ -9,7 +9,7 @@ from sinstool.cli.main import cli
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import concatenate
 from sinstool.io.readers import open_log
-from sinstool.pipelines.plan import make_plan
+from sinstool.pipelines.planning import make_plan
 from sinstool.pipelines.process.errors_against_truth import Errors, read_references
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.pipelines.process.ins_gnss.timing import motion_from

@@ -6,7 +6,7 @@ import pytest
 from sinstool.config import ProcessConfig
 from sinstool.core.streams import concatenate
 from sinstool.io.readers import open_log
-from sinstool.pipelines.plan import make_plan
+from sinstool.pipelines.planning import make_plan
 from sinstool.survey import increments
 from sinstool.survey.increments import SegmentIncrements, first_increments
 from sinstool.survey.source import prepare

@@ -35,7 +35,8 @@ from sinstool.pipelines.align.result import (
     plain_values,
 )
 from sinstool.pipelines.log_used import ImuTime, LogFile, Lost
-from sinstool.pipelines.plan import NO_INS_GNSS, NO_SOLUTION, Plan, fixed_plan, make_plan
+from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.planning import NO_INS_GNSS, NO_SOLUTION, fixed_plan, make_plan
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source, lead_in_end, prepare
 

@@ -17,7 +17,7 @@ from sinstool.io.readers.log import Log
 from sinstool.io.readers.topics import OWN_PREFIXES, ImuTopic, choose_imu, imu_candidates
 from sinstool.pipelines.info import result
 from sinstool.pipelines.info.collect import Sampling, Traffic, Values
-from sinstool.pipelines.plan import make_plan
+from sinstool.pipelines.planning import make_plan
 from sinstool.survey.imu import Survey
 from sinstool.survey.oddities import found_gaps, gravity_axis, oddities
 from sinstool.survey.samples import SampleCache

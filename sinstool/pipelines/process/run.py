@@ -17,7 +17,8 @@ from sinstool.core.errors import AlignmentError, in_log
 from sinstool.core.progress import Progress, share
 from sinstool.io.readers import open_log
 from sinstool.pipelines.log_used import ImuTime, Lost
-from sinstool.pipelines.plan import Plan, as_planned, make_plan
+from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.planning import as_planned, make_plan
 from sinstool.pipelines.process.mode import Mode
 from sinstool.pipelines.process.output import Output
 from sinstool.pipelines.process.result import ProcessResult

@@ -44,7 +44,8 @@ from sinstool.methods.hse.whole_turn import (
 from sinstool.pipelines.calibrate_hse.calibration_file import loads
 from sinstool.pipelines.calibrate_hse.run import correct_runs, rig_of, segment_rules
 from sinstool.pipelines.log_used import ImuTime, Lost
-from sinstool.pipelines.plan import Plan, turntable_plan
+from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.planning import turntable_plan
 from sinstool.pipelines.process.hse_used import HseCorrection, TurntableStretch, UnusedStretch
 from sinstool.pipelines.process.mode import warned
 from sinstool.pipelines.process.output import Output

@@ -33,8 +33,9 @@ from sinstool.pipelines.process.ins_gnss.filter_settings import (
     has_scales,
 )
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
-from sinstool.pipelines.process.ins_gnss.imu_drift import Drift, NoiseFactors
+from sinstool.pipelines.process.ins_gnss.imu_drift import Drift
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit
+from sinstool.pipelines.process.ins_gnss.noise_factors import NoiseFactors
 from sinstool.survey.grade import ImuGrade
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source

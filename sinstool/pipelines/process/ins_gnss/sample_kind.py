@@ -18,7 +18,8 @@ from sinstool.core.errors import AlignmentError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.pipelines.plan import Plan, as_planned
+from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.planning import as_planned
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.innovation_cost import innovation_cost, innovations
 from sinstool.pipelines.process.ins_gnss.start import earliest_start, timed

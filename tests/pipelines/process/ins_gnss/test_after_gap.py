@@ -10,7 +10,7 @@ from benchmarks.trusted_navigation import process, read_back
 from sinstool.config import ProcessConfig
 from sinstool.io.readers import open_log
 from sinstool.methods.ins_gnss.settings import Settings
-from sinstool.pipelines.plan import make_plan
+from sinstool.pipelines.planning import make_plan
 from sinstool.pipelines.process.ins_gnss.before_start import before_start_text
 from sinstool.pipelines.process.ins_gnss.between_gaps import gap_findings, start_in_longest
 from sinstool.survey.source import prepare

@@ -9,7 +9,7 @@ import pytest
 
 from sinstool.config import ProcessConfig
 from sinstool.io.readers import open_log
-from sinstool.pipelines.plan import make_plan
+from sinstool.pipelines.planning import make_plan
 from sinstool.pipelines.process.ins_gnss import timing
 from sinstool.pipelines.process.ins_gnss.start import with_noise
 from sinstool.survey.source import prepare

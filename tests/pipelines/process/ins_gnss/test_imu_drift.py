@@ -11,14 +11,14 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.io.readers import open_log
 from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.sensor_errors import IMU_GRADES
-from sinstool.pipelines.plan import make_plan
+from sinstool.pipelines.planning import make_plan
 from sinstool.pipelines.process.ins_gnss.imu_drift import (
     LEAST_DRIVEN,
     LOOKS,
     Drift,
-    NoiseFactors,
     WindowErrors,
 )
+from sinstool.pipelines.process.ins_gnss.noise_factors import NoiseFactors
 from sinstool.pipelines.process.ins_gnss.start import timed_start
 from sinstool.survey.source import prepare
 from tests.helpers.filter_logs import simulated

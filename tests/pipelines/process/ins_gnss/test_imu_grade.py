@@ -24,13 +24,13 @@ from sinstool.pipelines.process.ins_gnss import (
     start,
 )
 from sinstool.pipelines.process.ins_gnss.contradictions import contradictions
-from sinstool.pipelines.process.ins_gnss.imu_drift import NoiseFactors
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit
 from sinstool.pipelines.process.ins_gnss.likelier_grade import (
     clearly_likelier,
     likeliest_times,
     uncalibrated_share,
 )
+from sinstool.pipelines.process.ins_gnss.noise_factors import NoiseFactors
 from sinstool.survey.grade import ImuGrade, sensor_grade
 from sinstool.survey.source import prepare
 from tests.helpers.filter_logs import run, simulated, start_of

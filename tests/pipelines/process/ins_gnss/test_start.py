@@ -11,7 +11,7 @@ from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import GnssEpochs
 from sinstool.io.readers import open_log
 from sinstool.methods.alignment import in_motion
-from sinstool.pipelines.plan import make_plan
+from sinstool.pipelines.planning import make_plan
 from sinstool.pipelines.process.ins_gnss import initial_state, timing
 from sinstool.survey.source import prepare
 from tests.helpers.filter_logs import simulated, start_of
