@@ -42,12 +42,21 @@ def oddities(survey: Survey, options: InputOptions) -> list[Finding]:
     options : InputOptions
         Units and axes; those that the user gave are not questioned.
     """
-    odd = chain(odd_units(survey, options), _time(survey, options), _values(survey, options))
+    odd = chain(
+        odd_units(survey, options),
+        _rate(survey, options),
+        _stamps(survey),
+        _order(survey),
+        _gaps(survey, options),
+        _clocks(survey),
+        _values(survey, options),
+    )
     findings = (replace(one, topic=survey.topic) for one in odd)
     return sorted(findings, key=lambda one: one.severity != Severity.FAILED)
 
 
-def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
+def _rate(s: Survey, options: InputOptions) -> Iterator[Finding]:
+    """Samples that are too few, or at another rate than the user says."""
     if s.count > 1 and s.rate_hz < MIN_RATE_HZ and options.imu_rate is None:
         yield Finding(
             "slow-imu",
@@ -69,6 +78,10 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
         )
     if s.count == 1:
         yield Finding("one-sample", f"topic {s.topic} has only one usable sample")
+
+
+def _stamps(s: Survey) -> Iterator[Finding]:
+    """Clocks that were set, and stamps that are no times of the samples."""
     yield from s.clock_steps
     if s.time_source == "log":
         yield Finding("time-source", f"{s.time_note}, so the recorder's log times are used instead")
@@ -87,6 +100,10 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f" {s.even.usual_ns / 1e6:.6g} ms apart",
             answer="if they were taken at their stamps, use --imu-stamps kept",
         )
+
+
+def _order(s: Survey) -> Iterator[Finding]:
+    """Samples that were not recorded once each, one after another."""
     o = s.order
     if o.backward:
         yield Finding(
@@ -112,6 +129,10 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f"{counted(o.late, 'sample')} came too late in the file to be sorted; left out",
             Severity.LOST,
         )
+
+
+def _gaps(s: Survey, options: InputOptions) -> Iterator[Finding]:
+    """Intervals without samples."""
     if options.max_gap is not None and 2 * s.gap_count > s.count:
         yield Finding(
             "short-max-gap",
@@ -127,6 +148,10 @@ def _time(s: Survey, options: InputOptions) -> Iterator[Finding]:
             "missed-samples",
             f"samples are missing at {counted(s.missed, 'place')}; they are integrated across",
         )
+
+
+def _clocks(s: Survey) -> Iterator[Finding]:
+    """The recorder's clock beside that of the stamps."""
     low, high = s.clock_offset_s
     if max(abs(low), abs(high)) > CLOCK_OFFSET_S:
         ends = list(dict.fromkeys(f"{end:+.3f}" for end in (low, high)))

@@ -152,18 +152,8 @@ def align_whole_turns(
     AlignmentError
         If there is no turn, no force, or the latitude is beyond 85 degrees.
     """
-    if level_rate not in LEVEL_RATES:
-        raise ConfigurationError(
-            f"level-rate correction is {level_rate!r}", f"give one of {', '.join(LEVEL_RATES)}"
-        )
     latitude = rig.require_latitude()
-    if abs(latitude) > MAX_LATITUDE:
-        raise AlignmentError(
-            f"at latitude {np.degrees(latitude):.2f} degrees the Earth rate is nearly vertical",
-            "heading can be found below 85 degrees only",
-        )
-    if not len(turns):
-        raise AlignmentError("no whole turn of the table", "record for longer")
+    _check(turns, latitude, level_rate)
     duration = turns.duration[:, np.newaxis]
     total = float(turns.duration.sum())
     omega = _in_b0(turns, turns.S[:, :, :3], rig.gyro_to_b, rig.gyro_bias)
@@ -176,16 +166,8 @@ def align_whole_turns(
     w = (omega - table).sum(axis=0) / total
     f = force.sum(axis=0) / total
     size = float(np.linalg.norm(f))
-    if not size > 0.0:
-        raise AlignmentError(
-            "the mean specific force is zero, so the vertical is unknown",
-            "check the accelerometers",
-        )
-
     middles = np.cumsum(turns.duration) - turns.duration / 2.0
-    drift, drift_sigma = slope_of_columns(middles, f_turn)
-    tilting = np.cross(f, drift) / -(size**2)
-    tilting_sigma = float(np.linalg.norm(drift_sigma)) / size / np.sqrt(3.0)
+    tilting, tilting_sigma = _tilting(f, f_turn, middles)
     significant = np.linalg.norm(tilting) > SIGNIFICANT_TILT_DRIFT * tilting_sigma
     used = level_rate == "on" or (level_rate == "auto" and bool(significant))
     if used and np.isfinite(tilting).all():
@@ -194,16 +176,8 @@ def align_whole_turns(
     else:
         used = False
 
-    r3 = -f / size
-    east = np.cross(r3, w)
-    if not np.linalg.norm(east) > 0.0:
-        raise AlignmentError(
-            "the mean rate has no horizontal part, so north is unknown", "check the gyros"
-        )
-    r2 = east / np.linalg.norm(east)
-    r1 = np.cross(r2, r3)
-    C_nb0 = np.stack([r1, r2, r3])
-    C_nb0.flags.writeable = False
+    C_nb0 = _attitude(f, w)
+    r1, r2, r3 = C_nb0
 
     north_rate = EARTH_RATE * np.cos(latitude)
     earth = earth_rate_n(latitude)
@@ -282,6 +256,47 @@ def run_from_turns(
         n_turns=len(turns),
         log_start_ns=log_start_ns,
     )
+
+
+def _check(turns: TurnStatistics, latitude: float, level_rate: str) -> None:
+    if level_rate not in LEVEL_RATES:
+        raise ConfigurationError(
+            f"level-rate correction is {level_rate!r}", f"give one of {', '.join(LEVEL_RATES)}"
+        )
+    if abs(latitude) > MAX_LATITUDE:
+        raise AlignmentError(
+            f"at latitude {np.degrees(latitude):.2f} degrees the Earth rate is nearly vertical",
+            "heading can be found below 85 degrees only",
+        )
+    if not len(turns):
+        raise AlignmentError("no whole turn of the table", "record for longer")
+
+
+def _tilting(f: FloatArray, f_turn: FloatArray, middles: FloatArray) -> tuple[FloatArray, float]:
+    """Rate at which the base tilts, rad/s in ``b0``, by the drift of its force, and its sigma."""
+    size = float(np.linalg.norm(f))
+    if not size > 0.0:
+        raise AlignmentError(
+            "the mean specific force is zero, so the vertical is unknown",
+            "check the accelerometers",
+        )
+    drift, drift_sigma = slope_of_columns(middles, f_turn)
+    sigma = float(np.linalg.norm(drift_sigma)) / size / np.sqrt(3.0)
+    return np.cross(f, drift) / -(size**2), sigma
+
+
+def _attitude(f: FloatArray, w: FloatArray) -> FloatArray:
+    """North, east and down in ``b0`` as rows, by mean specific force and mean rate."""
+    r3 = -f / float(np.linalg.norm(f))
+    east = np.cross(r3, w)
+    if not np.linalg.norm(east) > 0.0:
+        raise AlignmentError(
+            "the mean rate has no horizontal part, so north is unknown", "check the gyros"
+        )
+    r2 = east / np.linalg.norm(east)
+    C_nb0 = np.stack([np.cross(r2, r3), r2, r3])
+    C_nb0.flags.writeable = False
+    return C_nb0
 
 
 def _in_b0(

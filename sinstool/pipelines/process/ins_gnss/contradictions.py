@@ -35,7 +35,8 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import Drift
 from sinstool.pipelines.process.ins_gnss.imu_fit import Fit, fit
 from sinstool.pipelines.process.ins_gnss.late_gyros import late_gyros, settled_delay
 from sinstool.pipelines.process.ins_gnss.likeliest_attitude import denied_attitude
-from sinstool.pipelines.process.ins_gnss.timing import motion_from, white_noise
+from sinstool.pipelines.process.ins_gnss.timing import motion_from
+from sinstool.pipelines.process.ins_gnss.white_noise import white_noise
 from sinstool.survey.grade import BRIEF_REST_S
 from sinstool.survey.receiver_ahead import RECEIVER_CLOCK
 from sinstool.survey.rest import longest_rest

@@ -48,7 +48,8 @@ from sinstool.pipelines.process.ins_gnss.slow_errors import (
     with_expected_slow_errors,
     with_slow_errors,
 )
-from sinstool.pipelines.process.ins_gnss.timing import white_noise, with_offsets
+from sinstool.pipelines.process.ins_gnss.timing import with_offsets
+from sinstool.pipelines.process.ins_gnss.white_noise import white_noise
 from sinstool.survey.grade import ImuGrade, to_align_as
 from sinstool.survey.noise_in_motion import walks_in_motion
 from sinstool.survey.source import Source

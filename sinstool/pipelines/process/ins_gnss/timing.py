@@ -17,18 +17,13 @@ from itertools import pairwise
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.arrays import FloatArray, IntArray
-from sinstool.core.chi_square import MEDIAN_SQUARE
+from sinstool.core.arrays import FloatArray
 from sinstool.core.errors import AlignmentError
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
-from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import (
-    outlying_innovations,
-    stated_sigma,
     velocity_lag,
-    worse_than_usual,
 )
 from sinstool.methods.ins_gnss.receiver_offsets import (
     ReceiverOffsets,
@@ -36,9 +31,8 @@ from sinstool.methods.ins_gnss.receiver_offsets import (
     likeliest,
     settle,
 )
-from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.methods.strapdown.velocity import Increments
-from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, WhiteNoise
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.survey.increments import first_increments
 from sinstool.survey.rest import rest_end
 from sinstool.survey.rough_latency import rough_latency
@@ -71,14 +65,11 @@ LAG_SIGMAS = 6.0
 # The estimate begins with a rough latency that explains the fixes better and differs from the one
 # assumed by more than this, s; nearer ones it finds by itself.
 FAR_S = 0.4
-# Noise of fixes, m and m/s, with which positions at wrong times hardly change the biases.
-LOOSE_POSITION = (5.0, 5.0, 8.0)
-LOOSE_VELOCITY = (0.3, 0.3, 0.5)
 # An arm that was not given is used if an estimate repeated about it agrees within so many sigmas,
 # after at most so many rounds, and if it lowers -2 log likelihood by so much.
 ARM_AGREES, ARM_ROUNDS, ARM_GAIN = 1.0, 4, 16.0
-# Fewest epochs that show the white noise of fixes.
-LEAST_EPOCHS = 40
+
+Begin = Callable[[float, FloatArray | None], FilterStart]
 
 
 @dataclass(frozen=True)
@@ -147,12 +138,113 @@ def significant_lag(gnss: GnssEpochs) -> float:
     return lag.latency_s if stands_out else 0.0
 
 
+class _Trials:
+    """Starts with other latencies and lever arms, and the estimates made about them.
+
+    Parameters
+    ----------
+    first : FilterStart
+        With the latency assumed first.
+    begin : callable
+        See :func:`with_offsets`.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        config: ProcessConfig,
+        algorithm: ConingAlgorithm,
+        first: FilterStart,
+        begin: Begin,
+    ) -> None:
+        self._source, self._config, self._algorithm = source, config, algorithm
+        self._first, self._begin = first, begin
+        self._begun = {first.settings.gnss_latency: first}
+        self._found = Estimates()
+
+    def start(self, latency: float) -> FilterStart:
+        """A start with the assumed arm, made once for each latency.
+
+        Raises
+        ------
+        AlignmentError
+            With this latency there is none.
+        """
+        if latency not in self._begun:
+            self._begun[latency] = self._begin(latency, None)
+        return self._begun[latency]
+
+    def estimate(
+        self, latency: float, arm_b: FloatArray | None, gated: bool
+    ) -> ReceiverOffsets | None:
+        """Estimate about a latency, s, and an arm (None: the assumed one), with their own start."""
+        try:
+            start = self.start(latency) if arm_b is None else self._begin(latency, arm_b)
+        except AlignmentError:  # a wrong latency may leave no start
+            return None
+        motion = motion_from(self._source, self._config, self._algorithm, start.time_ns)
+        if motion is None:
+            return None
+        settings, fixes = start.settings, start.used
+        if not gated:
+            settings, fixes = settings.ungated, start.believable
+        stated_b = self._config.gnss.lever_arm
+        assumed_b, given = stated_b or np.zeros(3), stated_b is not None
+        shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b, given)
+        if shown is not None:
+            self._found.made.append((latency, shown))
+            if not gated:
+                self._found.tried.append((latency, shown))
+        return shown
+
+    def square(self, latency: float) -> float:
+        """How well a latency explains the fixes, with its own start: mean normalised square.
+
+        A start with a wrong latency may have an attitude that makes any other latency less likely,
+        so each has its own start. Fixes at a wrong time look noisy, so all have the noise of the
+        first. Infinite without a start.
+        """
+        try:
+            start = self.start(latency)
+        except AlignmentError:
+            return np.inf
+        settings = replace(start.settings, gnss=self._first.settings.gnss)
+        start = replace(start, gnss=self._first.gnss, settings=settings)
+        same = with_same_start(self._source, self._config, self._algorithm, start)
+        shown = same(latency, None)
+        return np.inf if shown is None else shown.square
+
+    def _settled(self, latency: float) -> _Settled:
+        self._found = Estimates()
+        return _Settled(*settle(self.estimate, latency), self._found)
+
+    def best(self) -> tuple[_Settled, float]:
+        """The latency on which estimates settle, and how well the assumed one explains fixes."""
+        assumed, at_first = self._first.settings.gnss_latency, None
+        begins = assumed
+        rough = rough_latency(self._source.survey.windows, self._source.aiding.gnss)
+        if rough is not None and abs(rough - assumed) > FAR_S:
+            at_first = self.square(assumed)
+            begins = rough if self.square(rough) < at_first else assumed
+        best = self._settled(begins)
+        if at_first is None:
+            at_first = best.found.tried[0][1].square if best.found.tried else 0.0
+        if best.found.doubtful or best.found.followed_assumption:
+            likeliest_s = _likeliest_latency(
+                self._source, self._config, self._algorithm, self._first
+            )
+            other = self._settled(likeliest_s)
+            if other.found.misfit < best.found.misfit:
+                best = other
+        return best, at_first
+
+
 def with_offsets(
     source: Source,
     config: ProcessConfig,
     algorithm: ConingAlgorithm,
     first: FilterStart,
-    begin: Callable[[float, np.ndarray | None], FilterStart],
+    begin: Begin,
 ) -> FilterStart:
     """A start with the receiver's latency, configured or estimated, and with the lever arm.
 
@@ -164,74 +256,14 @@ def with_offsets(
     begin : callable
         Makes a start with another latency, s, and with the assumed arm (None) or another, FRD, m.
     """
-    assumed, stated_b = first.settings.gnss_latency, config.gnss.lever_arm
-    begun = {assumed: first}
-
-    def begun_at(latency: float) -> FilterStart:
-        """A start with the assumed arm, made once for each latency."""
-        if latency not in begun:
-            begun[latency] = begin(latency, None)
-        return begun[latency]
-
-    found = Estimates()
-
-    def evaluate(latency: float, arm_b: np.ndarray | None, gated: bool) -> ReceiverOffsets | None:
-        try:
-            start = begun_at(latency) if arm_b is None else begin(latency, arm_b)
-        except AlignmentError:  # a wrong latency may leave no start
-            return None
-        motion = motion_from(source, config, algorithm, start.time_ns)
-        if motion is None:
-            return None
-        settings, fixes = start.settings, start.used
-        if not gated:
-            settings, fixes = settings.ungated, start.believable
-        assumed_b, given = stated_b or np.zeros(3), stated_b is not None
-        shown = estimate_offsets(start.start, settings, [motion], fixes, assumed_b, given)
-        if shown is not None:
-            found.made.append((latency, shown))
-            if not gated:
-                found.tried.append((latency, shown))
-        return shown
-
-    def settled(latency: float) -> _Settled:
-        nonlocal found
-        found = Estimates()
-        return _Settled(*settle(evaluate, latency), found)
-
-    def square(latency: float) -> float:
-        """How well a latency explains the fixes, with its own start: mean normalised square.
-
-        A start with a wrong latency may have an attitude that makes any other latency less likely,
-        so each has its own start. Fixes at a wrong time look noisy, so all have the noise of the
-        first. Infinite without a start.
-        """
-        try:
-            start = begun_at(latency)
-        except AlignmentError:
-            return np.inf
-        settings = replace(start.settings, gnss=first.settings.gnss)
-        start = replace(start, gnss=first.gnss, settings=settings)
-        shown = with_same_start(source, config, algorithm, start)(latency, None)
-        return np.inf if shown is None else shown.square
-
-    begins, at_first = assumed, None
-    rough = rough_latency(source.survey.windows, source.aiding.gnss)
-    if rough is not None and abs(rough - assumed) > FAR_S:
-        at_first = square(assumed)
-        begins = rough if square(rough) < at_first else assumed
-    best = settled(begins)
-    if at_first is None:
-        at_first = best.found.tried[0][1].square if best.found.tried else 0.0
-    if best.found.doubtful or best.found.followed_assumption:
-        other = settled(_likeliest_latency(source, config, algorithm, first))
-        if other.found.misfit < best.found.misfit:
-            best = other
+    trials = _Trials(source, config, algorithm, first, begin)
+    assumed = first.settings.gnss_latency
+    best, at_first = trials.best()
     used, offsets, agrees = best.used, best.offsets, best.agrees
     if offsets is not None and abs(used - assumed) > LEAST_S:
         worse = best.found.tried and best.found.tried[-1][1].square > at_first
         # The latency settled on may explain the fixes no better than the one assumed
-        if worse and square(used) > at_first:
+        if worse and trials.square(used) > at_first:
             same = with_same_start(source, config, algorithm, first)
             likelier = likeliest(same, (assumed, used), offsets.arm_elsewhere_b)
             if likelier is not None:
@@ -248,13 +280,13 @@ def with_offsets(
             agrees and not offsets.latency.differs_from(assumed, LEAST_S, USED)
         ):
             try:
-                start = begun_at(used)
+                start = trials.start(used)
             except AlignmentError:  # a start with a contradicted latency is better than none
                 status = "not settled"
     start = replace(start, offsets=offsets, latency_status=status)
-    if stated_b is not None:
+    if config.gnss.lever_arm is not None:
         return start
-    return _with_arm(source, config, algorithm, start, evaluate, begin)
+    return _with_arm(source, config, algorithm, start, trials.estimate, begin)
 
 
 def _with_arm(
@@ -263,7 +295,7 @@ def _with_arm(
     algorithm: ConingAlgorithm,
     start: FilterStart,
     evaluate: Callable[[float, FloatArray | None, bool], ReceiverOffsets | None],
-    begin: Callable[[float, np.ndarray | None], FilterStart],
+    begin: Begin,
 ) -> FilterStart:
     """A start with the lever arm that the log shows, if it does; none was given."""
     latency, shown = start.settings.gnss_latency, start.offsets
@@ -360,70 +392,3 @@ def _rest_from(source: Source, start_ns: int) -> int:
         return 0
     end_ns = rest_end(survey.lead_in, survey.spans, survey.windows)
     return min(max(0, end_ns - start_ns), LONGEST_REST_NS)
-
-
-def white_noise(
-    source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
-) -> WhiteNoise | None:
-    """White noise of positions and velocities; None where too few fixes show that of either.
-
-    From second differences of the innovations of a filter that hardly follows the fixes: slow
-    errors, of the fixes and of the navigation alike, are nearly straight over three epochs and
-    cancel. Medians ignore single bad fixes. Fixes that the receiver itself states to be worse than
-    usual are left out, as they say nothing about the others.
-    """
-    settings, usual = _loose(start.settings), ~worse_than_usual(start.used)
-    if start.white is not None and start.white.is_of(start.start, settings, usual):
-        return start.white
-    gnss = start.used.rows(usual)
-    motion = motion_from(source, config, algorithm, start.time_ns)
-    if motion is None or len(gnss) < LEAST_EPOCHS:
-        return None
-    run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
-    epochs = run.push(motion, _unsized(gnss)).gnss
-    position = _scatter(epochs.time_ns, epochs.innovation[:, :3])
-    velocity = _scatter(epochs.time_ns, epochs.innovation[:, 3:])
-    shown = outlying_innovations(epochs.time_ns, epochs.innovation[:, :3], stated_sigma(gnss))
-    far = np.zeros(len(usual), dtype=np.bool_)
-    valid_ns = gnss.time_ns - round(settings.gnss_latency * SECOND)
-    first = int(np.searchsorted(valid_ns, epochs.time_ns[0])) if len(epochs) else 0
-    far[np.flatnonzero(usual)[first : first + len(epochs)]] = shown
-    return WhiteNoise(position, velocity, start.start, settings, usual, far)
-
-
-def _scatter(time_ns: IntArray, innovation: FloatArray) -> tuple[float, float]:
-    """White noise of innovations, shape (n, 3): of one horizontal axis, and of the vertical one."""
-    there = np.isfinite(innovation[:, :2]).all(axis=1)
-    time_ns, innovation = time_ns[there], innovation[there]
-    steps = np.diff(time_ns)
-    even = np.abs(np.diff(steps)) < 0.5 * np.median(steps) if len(steps) > 1 else np.zeros(0, bool)
-    bend = np.diff(innovation, 2, axis=0)[even]
-    if len(bend) < LEAST_EPOCHS:
-        return np.nan, np.nan
-    # Second differences of white noise have 1 + 4 + 1 times its variance
-    axes = np.sqrt([_median(column**2) / (MEDIAN_SQUARE * 6.0) for column in bend.T])
-    return float(np.hypot(axes[0], axes[1]) / np.sqrt(2.0)), float(axes[2])
-
-
-def _median(values: FloatArray) -> float:
-    """Median of the finite values; NaN if there are too few."""
-    good = values[np.isfinite(values)]
-    return float(np.median(good)) if len(good) >= LEAST_EPOCHS else np.nan
-
-
-def _loose(settings: Settings) -> Settings:
-    """Settings of a filter that hardly follows the fixes."""
-    return replace(
-        settings.ungated,
-        filter="plain-15",
-        gnss=GnssModel(position_white=LOOSE_POSITION, velocity_white=LOOSE_VELOCITY),
-    )
-
-
-def _unsized(gnss: GnssEpochs) -> GnssEpochs:
-    """Fixes without the sigmas that the receiver states."""
-    return replace(
-        gnss,
-        sigma_position_n=np.full_like(gnss.sigma_position_n, np.nan),
-        sigma_velocity_n=np.full_like(gnss.sigma_velocity_n, np.nan),
-    )
