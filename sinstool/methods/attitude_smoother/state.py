@@ -169,13 +169,21 @@ def update(
     for m in range(n):
         gain[m] = a * p[m, i] + b * p[m, j] + c * p[m, k]
     s = a * gain[i] + b * gain[j] + c * gain[k] + variance
+    _correct(p, n, gain, s, left, dx)
+    return left, s
+
+
+@part(inline="always")
+def _correct(
+    p: FloatArray, n: int, gain: FloatArray, s: float, left: float, dx: FloatArray
+) -> None:
+    """Correct by a measurement with innovation `left`, variance `s`, and covariance `gain`."""
     for m in range(n):
         f = gain[m] / s
         dx[m] += f * left
         for q in range(m + 1):
             p[m, q] -= f * gain[q]
             p[q, m] = p[m, q]
-    return left, s
 
 
 @part()
@@ -197,10 +205,5 @@ def update_row(
         for i in range(n):
             gain[m] += p[m, i] * h[i]
         s += h[m] * gain[m]
-    for m in range(n):
-        f = gain[m] / s
-        dx[m] += f * left
-        for q in range(m + 1):
-            p[m, q] -= f * gain[q]
-            p[q, m] = p[m, q]
+    _correct(p, n, gain, s, left, dx)
     return left, s

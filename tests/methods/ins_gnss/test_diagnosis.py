@@ -66,6 +66,12 @@ def increments(imu, gyro, accel):
     return concatenate(parts)
 
 
+def start_at(path, velocity_n, q_nb):
+    """A start at the beginning of a path, with this velocity and attitude."""
+    place = (float(row[0]) for row in (path.latitude, path.longitude, path.height))
+    return start(*place, velocity_n, q_nb, 2.0, 0.1, ATTITUDE)
+
+
 def examined(
     kind="flight",
     seed=1,
@@ -99,16 +105,8 @@ def examined(
         gnss = replace(place, velocity_n=velocity)
     random = np.random.default_rng(seed)
     psi = ATTITUDE * random.standard_normal(3) + np.asarray(wrong_start) * DEGREE
-    began = start(
-        float(path.latitude[0]),
-        float(path.longitude[0]),
-        float(path.height[0]),
-        path.velocity_n[0] + 0.05 * random.standard_normal(3),
-        normalise(multiply(exp(-psi), path.imu.q_nb[0])),
-        2.0,
-        0.1,
-        ATTITUDE,
-    )
+    velocity_n = path.velocity_n[0] + 0.05 * random.standard_normal(3)
+    began = start_at(path, velocity_n, normalise(multiply(exp(-psi), path.imu.q_nb[0])))
     run = InsGnssFilter(began, settings, with_baro=False)
     steps = increments(imu, gyro, accel)
     block = run.push(steps, gnss)
@@ -291,16 +289,7 @@ def test_noise_that_the_gate_measured_is_reported():
 def test_too_little_to_judge():
     path = truth("flight", 1)
     gnss = epochs(gnss_samples(path, Receiver(0.05, errors=ERRORS), 1))
-    began = start(
-        float(path.latitude[0]),
-        float(path.longitude[0]),
-        float(path.height[0]),
-        path.velocity_n[0],
-        path.imu.q_nb[0],
-        2.0,
-        0.1,
-        ATTITUDE,
-    )
+    began = start_at(path, path.velocity_n[0], path.imu.q_nb[0])
     run = InsGnssFilter(began, SETTINGS, with_baro=False)
     imu = path.imu
     block = run.push(increments(imu, imu.gyro_mean_rate, imu.mean_specific_force), gnss)
@@ -312,16 +301,7 @@ def test_large_innovations_that_follow_one_another_are_the_imu_s(following, kind
     """Innovations of four sigmas, each this much like the one before it."""
     path = truth("flight", 1)
     gnss = epochs(gnss_samples(path, Receiver(4.0, 0.13, errors=ERRORS), 1))
-    began = start(
-        float(path.latitude[0]),
-        float(path.longitude[0]),
-        float(path.height[0]),
-        path.velocity_n[0],
-        path.imu.q_nb[0],
-        2.0,
-        0.1,
-        ATTITUDE,
-    )
+    began = start_at(path, path.velocity_n[0], path.imu.q_nb[0])
     imu = path.imu
     run = InsGnssFilter(began, SETTINGS, with_baro=False)
     block = run.push(increments(imu, imu.gyro_mean_rate, imu.mean_specific_force), gnss)
