@@ -6,7 +6,9 @@ East-North-Up, as REP-103 has it. Stamps count from the start of the autopilot, 
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -231,7 +233,9 @@ def _parsed(path: Path) -> Any:
         ) from exc
     names = sorted({name for topic in TOPICS for name in topic.sources})
     try:
-        return ULog(str(path), names)
+        # It prints what it finds corrupt, and our output may be JSON
+        with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere):
+            return ULog(str(path), names)
     # It raises exceptions of many classes, TypeErrors included.
     except Exception as exc:
         raise DamagedLogError(path, f"pyulog cannot read this ULog ({exc})") from exc

@@ -198,6 +198,20 @@ def test_a_ulog_that_cannot_be_read_is_damaged(tmp_path):
         open_log(path)
 
 
+@pytest.mark.parametrize("salvage", [False, True])
+def test_what_pyulog_prints_of_damage_is_not_our_output(file, capsys, salvage):
+    """It would stand before the JSON that a program reads."""
+    path = file(("sensor_combined", IMU, imu_rows(20)))
+    nobodys = struct.pack("<HBH", 4, ord("D"), 77) + bytes(2)
+    path.write_bytes(path.read_bytes() + nobodys)
+    if salvage:
+        open_log(path, salvage).close()
+    else:
+        with pytest.raises(DamagedLogError, match="corrupt"):
+            open_log(path)
+    assert capsys.readouterr().out == ""
+
+
 def test_a_field_that_is_missing_is_named(file):
     path = file(("sensor_combined", IMU[:-1], [row[:6] for row in imu_rows()]))
     with pytest.raises(DamagedLogError, match="sensor_combined has no field accelerometer_m_s2"):
