@@ -11,7 +11,7 @@ MOST = 2**20
 
 
 def read_text(path: Path, option: str = "", hint: str = "") -> str:
-    """Text of a small file, such as a configuration or a calibration.
+    """Text of a small file, such as a configuration or a calibration, without a byte order mark.
 
     Parameters
     ----------
@@ -36,6 +36,6 @@ def read_text(path: Path, option: str = "", hint: str = "") -> str:
         what = f"{name}: cannot be read (longer than the {MOST // 2**20} MiB that are accepted)"
         raise ConfigurationError(what, hint)
     try:
-        return content.decode()
+        return content.decode("utf-8-sig")  # editors of Windows begin files with a mark
     except UnicodeDecodeError as exc:
         raise ConfigurationError(f"{name}: cannot be read (it is not text)", hint) from exc

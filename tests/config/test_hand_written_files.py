@@ -42,6 +42,12 @@ def test_a_pipe_is_read_as_a_shell_gives_it(tmp_path):
     writer.join()
 
 
+def test_the_mark_with_which_editors_of_windows_begin_is_none_of_the_text(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_bytes(b"\xef\xbb\xbf[input]\r\nstart = 5\r\n")
+    assert load_toml(path) == {"input": {"start": 5}}
+
+
 NESTED = {
     "open lists": lambda depth: "a=" + "[" * depth,
     "lists": lambda depth: f"a={'[' * depth}{']' * depth}",

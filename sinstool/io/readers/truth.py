@@ -86,7 +86,7 @@ def _from_topic(log: Log, topic: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _from_csv(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    with path.open(newline="", encoding="utf-8") as stream:
+    with path.open(newline="", encoding="utf-8-sig") as stream:
         lines = (line for line in stream if line.strip() and not line.startswith("#"))
         reader = csv.DictReader(lines, skipinitialspace=True)
         try:

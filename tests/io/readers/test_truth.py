@@ -108,15 +108,16 @@ def log(tmp_path):
         yield opened
 
 
+@pytest.mark.parametrize("mark", ["", "\ufeff"], ids=["plain", "with a byte order mark"])
 @pytest.mark.parametrize("clock", ["time_s", "time_ns"])
-def test_csv(tmp_path, log, q_nb, clock):
+def test_csv(tmp_path, log, q_nb, clock, mark):
     said = in_log_axes(q_nb).as_quat()
-    rows = ["# a comment", f"{clock}, x, qx, qy, qz, qw"]
+    rows = [*([] if mark else ["# a comment"]), f"{mark}{clock}, x, qx, qy, qz, qw"]
     for t, (x, y, z, w) in zip(TIMES.tolist(), said.tolist(), strict=True):
         when = str(t) if clock == "time_ns" else f"{t // 10**9}.{t % 10**9:09d}"
         rows += [f"{when}, 5, {x!r}, {y!r}, {z!r}, {w!r}", ""]
     path = tmp_path / "truth.csv"
-    path.write_text("\n".join(rows))
+    path.write_text("\n".join(rows), "utf-8")
     times, result = read_truth(log, str(path), "flu")
     # to the nanosecond, which a float64 of seconds since 1970 is not
     assert np.array_equal(times, TIMES)
