@@ -273,14 +273,16 @@ def _spans(wheels: WheelSpeeds, gnss: GnssEpochs, span_s: float) -> tuple[FloatA
     """Mean speeds of wheels and of GNSS over the same spans, where both have them."""
     first = int(wheels.time_ns[0])
     span_ns = round(span_s * SECOND)
-    count = int((int(wheels.time_ns[-1]) - first) // span_ns) + 1
+    # Those with readings alone: a single wrong stamp may be decades away
+    spans = np.unique((wheels.time_ns - first) // span_ns)
 
     def means(time_ns: IntArray, values: FloatArray) -> FloatArray:
         """NaN where there is none."""
         span = (time_ns - first) // span_ns
-        inside = (span >= 0) & (span < count)
-        total = np.bincount(span[inside], values[inside], count)
-        number = np.bincount(span[inside], minlength=count)
+        row = np.minimum(np.searchsorted(spans, span), len(spans) - 1)
+        inside = spans[row] == span
+        total = np.bincount(row[inside], values[inside], len(spans))
+        number = np.bincount(row[inside], minlength=len(spans))
         return np.asarray(np.where(number > 0, total / np.maximum(number, 1), np.nan))
 
     turned = means(wheels.time_ns, np.abs(wheels.speed))

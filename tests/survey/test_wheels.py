@@ -19,7 +19,7 @@ from sinstool.simulation.wheels import WheelSensor, wheel_readings, wheel_topic
 from sinstool.survey.gnss import read_gnss
 from sinstool.survey.wheels import matched, read_wheels, slipping, wheel_joints
 from tests.helpers.imulogs import T0, store
-from tests.helpers.logs import read_back
+from tests.helpers.logs import memory_below, read_back
 
 CAR = Car(axle_lever=1.5)
 RADIUS = 0.31
@@ -86,6 +86,17 @@ def test_wheels_of_each_kind_are_found_and_read(tmp_path, receiver, readings, ki
             wheels.apart, unit * np.subtract(*readings.speed.T), rtol=1e-9, atol=1e-12
         )
         assert "2 wheels of 0.3" in wheels.reason
+
+
+@pytest.mark.parametrize(("row", "stamp_ns"), [(0, 0), (-1, 2**62)])
+def test_a_stamp_that_is_decades_off_takes_no_memory(tmp_path, receiver, readings, row, stamp_ns):
+    """Of a node that published before its clock was set."""
+    time_ns = readings.time_ns.copy()
+    time_ns[row] = stamp_ns
+    topics = [*receiver, twist("/wheels", time_ns, readings.speed.mean(axis=1))]
+    with memory_below(2**26):
+        wheels = found(tmp_path / "log.mcap", topics)
+    assert wheels.topic == "/wheels", wheels.reason
 
 
 def as_db3(folder, topics, settings):

@@ -140,27 +140,26 @@ def _position(
 def _around(
     time_ns: int, when: IntArray, good: BoolArray, what: str
 ) -> tuple[int, int, float, float]:
-    """Rows before and after, the share of the latter, and the time to the nearest, s."""
+    """Rows before and after, the share of the latter, and the time from them, s.
+
+    Both are the nearest row where the time does not lie between two that are near each other.
+    """
     rows = np.flatnonzero(good)
     times = when[rows]
     k = int(np.searchsorted(times, time_ns, side="right"))
     left, right = max(k - 1, 0), min(k, len(rows) - 1)
-    if len(rows) == 0 or min(abs(int(times[left]) - time_ns), abs(int(times[right]) - time_ns)) > (
-        NEAR_S * 1e9
-    ):
+    near = min((left, right), key=lambda row: abs(int(times[row]) - time_ns)) if len(rows) else 0
+    if len(rows) == 0 or abs(int(times[near]) - time_ns) > NEAR_S * 1e9:
         raise AlignmentError(
             f"no GNSS {what} within {NEAR_S:g} s of the start",
             "use --start to begin where there are fixes, or leave --align out",
         )
-    span = int(times[right] - times[left])
-    share = float(np.clip((time_ns - int(times[left])) / span, 0.0, 1.0)) if span else 0.0
-    inside = int(times[left]) <= time_ns <= int(times[right])
-    if inside and span < 2.0 * NEAR_S * 1e9:
-        # between two fixes the velocity is off by the bend alone
-        apart = 0.1 * share * (1.0 - share) * span * 1e-9
-    else:
-        apart = abs(time_ns - int(times[left])) * 1e-9
-    return int(rows[left]), int(rows[right]), share, apart
+    span = int(times[right]) - int(times[left])
+    if not (int(times[left]) <= time_ns <= int(times[right]) and 0 < span < 2.0 * NEAR_S * 1e9):
+        return int(rows[near]), int(rows[near]), 0.0, abs(time_ns - int(times[near])) * 1e-9
+    share = (time_ns - int(times[left])) / span
+    # between two fixes the velocity is off by the bend alone
+    return int(rows[left]), int(rows[right]), share, 0.1 * share * (1.0 - share) * span * 1e-9
 
 
 def _sigma(own: FloatArray, white: ArrayLike, markov: ArrayLike) -> FloatArray:

@@ -55,6 +55,32 @@ def test_position_and_velocity_of_the_imu_between_two_fixes(latency):
         assert np.trace(turned) > 1e-4 * np.dot(LEVER, LEVER)
 
 
+@pytest.mark.parametrize("before_s", [None, 5.0, 15.0], ids=["decades", "5 s", "15 s"])
+@pytest.mark.parametrize("turned_round", [False, True])
+def test_a_fix_beyond_an_outage_is_no_place_to_start_from(before_s, turned_round):
+    """Before it, or behind it: the near fix counts, not the one that is first."""
+    flight = manoeuvring_flight(60.0, 100.0, seed=3)
+    gnss = epochs(gnss_samples(flight, Receiver(10.0, 0.0, 0.0, LEVER, GnssErrors()), 1))
+    row = 3007
+    at = int(flight.time_ns[row])
+    seconds = (gnss.time_ns - at) * 1e-9
+    near = seconds < 0.0 if turned_round else seconds > 0.0
+    far = ~near & (np.abs(seconds) > (before_s or 20.0))
+    gnss = gnss.rows(near | far)
+    if before_s is None:
+        stamps = np.where(near[near | far], gnss.time_ns, 2**62 if turned_round else 0)
+        gnss = replace(gnss, time_ns=stamps)
+    truth = moments(flight, flight.time_ns[row : row + 1])
+    settings = for_grade("mems", lever_arm_b=LEVER)
+    start = start_at(
+        at, truth.q_nb[0], 1e-6 * np.eye(3), gnss, settings, omega_eb_b=truth.omega_ib_b[0]
+    )
+    assert abs(start.nav[0] - truth.latitude[0]) * 6.37e6 < 0.5
+    assert abs(start.nav[2] - truth.height[0]) < 0.5
+    np.testing.assert_allclose(start.nav[3:6], truth.velocity_n[0], atol=0.5)
+    assert np.all(np.sqrt(np.diag(start.covariance_velocity_n)) < 1.0)
+
+
 def test_a_lever_arm_left_out_is_seen():
     flight = manoeuvring_flight(30.0, 100.0, seed=3)
     gnss = epochs(
