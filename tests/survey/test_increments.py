@@ -33,9 +33,6 @@ def test_they_are_those_of_the_log_and_made_once(log, monkeypatch):
     np.testing.assert_array_equal(made.rotation_vector, concatenate(each).rotation_vector)
     monkeypatch.setattr(increments, "SegmentIncrements", None)
     assert first_increments(source, config, algorithm, start_ns, 20 * SECOND, SECOND) is made
-    joined = first_increments(source, config, algorithm, start_ns, 20 * SECOND, SECOND, 0.1)
-    assert len(joined.interval) < 0.2 * len(made.interval)
-    assert joined.interval.sum() == pytest.approx(made.interval.sum())
 
 
 def test_those_from_another_sample_take_their_place(log):

@@ -32,8 +32,9 @@ from sinstool.core.timeline import SECOND
 from sinstool.methods.strapdown.velocity import Increments
 
 # Duration below which updates are joined where navigations are only compared, or sampled at such
-# steps, s. It changes the apparent noise of an IMU by less than 1 %.
-JOINED_S = 0.1
+# steps, s. A mechanisation takes the velocity to change evenly over an update: with longer ones the
+# buffeting of an aircraft moves it by centimetres within seconds.
+JOINED_S = 0.05
 # Jitter of the stamps that is allowed for, as a fraction of an update
 ROUNDING = 0.01
 

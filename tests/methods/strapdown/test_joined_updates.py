@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sinstool.core import rotation
 from sinstool.methods.strapdown.joined_updates import joined_updates
@@ -56,6 +58,23 @@ def test_nothing_is_joined_across_a_gap():
     begins = fewer.time_ns - np.round(1e9 * fewer.interval).astype(np.int64)
     gaps = begins[1:] - fewer.time_ns[:-1]
     assert np.flatnonzero(gaps > 1_000_000).tolist() == [1, 2, 5]
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([50.0, 128.0, 200.0, 1000.0]))
+def test_an_update_in_which_a_fix_lies_stays_as_it_is(seed, hertz):
+    random = np.random.default_rng(seed)
+    every = updates(300, hertz, seed=seed % 1000)
+    seen_ns = np.sort(random.integers(every.time_ns[0], every.time_ns[-1], 6))
+    ends = random.choice(every.time_ns, 3)
+    fewer = joined_updates(every, 0.1, np.sort(np.concatenate([seen_ns, ends])))
+    assert np.isin(ends, fewer.time_ns).all()
+    assert fewer.interval.max() < 0.1 and len(fewer.time_ns) < len(every.time_ns)
+    assert fewer.interval.sum() == pytest.approx(every.interval.sum(), rel=1e-12)
+    within = np.searchsorted(every.time_ns, seen_ns)
+    alone = within[np.abs(every.time_ns[within] - seen_ns) > 0.02e9 / hertz]
+    row = np.searchsorted(fewer.time_ns, every.time_ns[alone])
+    np.testing.assert_array_equal(fewer.time_ns[row], every.time_ns[alone])
+    np.testing.assert_allclose(fewer.rotation_vector[row], every.rotation_vector[alone], atol=1e-12)
 
 
 def test_updates_of_which_no_two_fit_stay_as_they_are():
