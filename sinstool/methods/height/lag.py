@@ -1,15 +1,22 @@
 """How far a barometer's heights lag behind the motion, by the accelerometer.
 
-Both show how fast the vehicle climbs: the barometer by its differences, late; the accelerometer by
-its integral, at once, but for a drift that changes slowly. So both lose what is slower than some
-seconds, and are compared at one offset after the other.
+Within some seconds the second integral of the accelerometer is the height but for a level, a drift
+and an acceleration. Less these three, which are estimated in each of many windows, both are
+compared at one lag after the other: that of late stamps, and that of a slow sensor, which follows
+quick climbs less. (Compared as rates, the noise of a usual barometer hides a lag of a second.)
+
+References
+----------
+.. [1] B. Efron, "The Jackknife, the Bootstrap and Other Resampling Plans", SIAM, 1982.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.order_statistics import median, quantile
@@ -18,20 +25,19 @@ from sinstool.core.timeline import SECOND
 GRID_NS = SECOND // 10
 """Both are taken at times so far apart, ns."""
 
-# Mean over so long, in steps of the grid, which the noise of a barometer needs, and twice the one
-# that is taken off.
-_SHORT, _LONG = 11, 201
+# Windows, and the span over which a climb rate is a difference, in steps of the grid.
+_WINDOW, _RATE = 200, 30
 # Lags that are tried, in steps of the grid.
 _LAGS = np.arange(-10, 101)
 # Heights that are no further apart than this, s, are interpolated.
 _NEAR_S = 2.5
 # A change within a step is a jump if it is so many times the usual one, and larger than this, m.
 _JUMP_TIMES, _JUMP_M = 10.0, 5.0
-# Both must agree at the lag to this share of the variance, which is so much less than without one;
-# and so must parts of the log, to so many s or this share of the lag.
-_AGREES, _LESS, _PARTS, _ALIKE_S, _ALIKE_SHARE = 0.5, 0.5, 3, 0.5, 0.25
-# Least time in which both are known, s, and least lag, s.
-_LEAST_TIME_S, LEAST_S = 40.0, 0.3
+# At the lag heights follow the accelerometer's by a factor this near to 1.
+_FOLLOWS = 0.3
+# Fewest windows, least lag, s, how many of its sigmas it is at least, and by how many of its sigmas
+# it is likelier than none.
+_LEAST_WINDOWS, LEAST_S, _SIGMAS, _LIKELIER = 4, 0.3, 4.0, 2.5
 
 
 @dataclass(frozen=True)
@@ -69,58 +75,82 @@ def height_lag(
         m.
     """
     count = len(climb)
-    if len(time_ns) < 2 or count * GRID_NS < _LEAST_TIME_S * SECOND:
+    if len(time_ns) < 2 or count < _LEAST_WINDOWS * _WINDOW:
         return None
-    at = (first_ns - time_ns[0]) / SECOND + np.arange(-1, count) * (GRID_NS / SECOND)
-    seconds = (time_ns - time_ns[0]) / SECOND
+    seconds, shown = _means(time_ns, height)
+    at = (first_ns - time_ns[0]) / SECOND + np.arange(count) * (GRID_NS / SECOND)
     after = np.clip(np.searchsorted(seconds, at), 1, len(seconds) - 1)
     there = (seconds[after] - seconds[after - 1] <= _NEAR_S) & (at > 0.0) & (at < seconds[-1])
-    change = np.diff(np.interp(at, seconds, height))
-    usual = float(median(np.abs(change)))
-    jumps = np.abs(change) > max(_JUMP_TIMES * usual, _JUMP_M)
-    good = known & there[1:] & there[:-1] & ~jumps
-    good = ~_near(~good, _SHORT + _LONG + len(_LAGS))
-    rate = _mean(change * (SECOND / GRID_NS), _SHORT)
-    shown, felt = _without_drift(rate), _without_drift(_mean(climb, _SHORT))
-    rows = np.flatnonzero(good)
-    if len(rows) * GRID_NS < _LEAST_TIME_S * SECOND:
+    barometer = np.interp(at, seconds, shown)
+    change = np.abs(np.diff(barometer, prepend=barometer[0]))
+    jumps = change > max(_JUMP_TIMES * float(median(change)), _JUMP_M)
+    begins = _whole(known & there & ~jumps)
+    if len(begins) < _LEAST_WINDOWS:
         return None
-    lag, least, none = _best(shown, felt, rows)
-    size = float(np.mean(felt[rows] ** 2))
-    if lag < LEAST_S or least > min(_AGREES * size, _LESS * none):
+    rows = begins[:, None] + np.arange(_WINDOW)
+    felt = np.cumsum(climb) * (GRID_NS / SECOND)
+    theirs = _bent(barometer[rows])
+    costs = [_costs(theirs, (felt[rows - lag] for lag in _LAGS.tolist()))]
+    costs.append(_costs(theirs, (slowed[rows] for slowed in _slowed(felt))))
+    cost = min(costs, key=lambda one: float(one.sum(axis=0).min()))
+    total, best = cost.sum(axis=0), int(np.argmin(cost.sum(axis=0)))
+    lag = float(_least(total[None])[0])
+    without = _least(total - cost)
+    spread = float(np.sqrt((len(begins) - 1) * np.mean(np.square(without - without.mean()))))
+    if lag < max(LEAST_S, _SIGMAS * spread) or best >= len(_LAGS) - 2:
         return None
-    for part in np.array_split(rows, _PARTS):
-        moves = float(np.mean(felt[part] ** 2)) > 0.1 * size
-        if moves and abs(_best(shown, felt, part)[0] - lag) > max(_ALIKE_S, _ALIKE_SHARE * lag):
-            return None
-    return Lag(lag, lag * float(quantile(np.abs(rate[rows]), 0.99)))
+    likelier = cost[:, _LAGS.tolist().index(0)] - cost[:, best]
+    if likelier.sum() < _LIKELIER * np.sqrt(len(begins)) * likelier.std(ddof=1):
+        return None
+    ours = _bent(felt[rows - int(_LAGS[best])])
+    if abs(np.sum(theirs * ours) / np.sum(np.square(ours)) - 1.0) > _FOLLOWS:
+        return None
+    rate = (barometer[_RATE:] - barometer[:-_RATE]) / (_RATE * GRID_NS / SECOND)
+    middle = rows[:, _RATE // 2 : -_RATE // 2] - _RATE // 2
+    return Lag(lag, lag * float(quantile(np.abs(rate[middle].ravel()), 0.99)))
 
 
-def _best(shown: FloatArray, felt: FloatArray, rows: IntArray) -> tuple[float, float, float]:
-    """Lag at which both are most alike, s, and the mean squared difference there and without."""
-    off = np.array([np.mean((shown[rows] - felt[rows - lag]) ** 2) for lag in _LAGS])
-    k = int(np.argmin(off))
-    shift = 0.0
-    if 0 < k < len(off) - 1:
-        bend = off[k - 1] - 2.0 * off[k] + off[k + 1]
-        shift = 0.5 * float(off[k - 1] - off[k + 1]) / bend if bend > 0.0 else 0.0
-    none = float(off[np.flatnonzero(_LAGS == 0)[0]])
-    # A change of height is that of the step before its time
-    return (float(_LAGS[k]) + shift - 0.5) * GRID_NS / SECOND, float(off[k]), none
+def _means(time_ns: IntArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means of times, s since the first, and of heights over steps of the grid that have any."""
+    seconds = (time_ns - time_ns[0]) / SECOND
+    _, first, number = np.unique(time_ns // GRID_NS, return_index=True, return_counts=True)
+    return np.add.reduceat(seconds, first) / number, np.add.reduceat(height, first) / number
 
 
-def _mean(values: FloatArray, count: int) -> FloatArray:
-    """Running mean over an odd number of rows, 0 beyond the ends."""
-    return np.convolve(values, np.full(count, 1.0 / count), mode="same")
+def _whole(good: BoolArray) -> IntArray:
+    """First rows of windows that are good, as are the rows before them for all lags."""
+    before, after = int(_LAGS[-1]), -int(_LAGS[0])
+    total = np.concatenate([[0], np.cumsum(good)])
+    begins = np.arange(before, len(good) - _WINDOW - after, _WINDOW)
+    within = total[begins + _WINDOW + after] - total[begins - before]
+    return np.asarray(begins[within == before + _WINDOW + after])
 
 
-def _without_drift(values: FloatArray) -> FloatArray:
-    """Less the running mean, of which a straight line is left nothing."""
-    return values - _mean(values, _LONG)
+def _slowed(height: FloatArray) -> Iterator[FloatArray]:
+    """The height as sensors of first order show it, one lag after the other; none is early."""
+    for lag in _LAGS.tolist():
+        keep = float(np.exp(-1.0 / lag)) if lag > 0 else 0.0
+        yield lfilter([1.0 - keep], [1.0, -keep], height - height[0])
 
 
-def _near(rows: BoolArray, count: int) -> BoolArray:
-    """Rows that are within so many of one of these, or of the ends."""
-    padded = np.pad(rows, count, constant_values=True)
-    total = np.concatenate([[0], np.cumsum(padded)])
-    return np.asarray(total[2 * count + 1 :] - total[: -2 * count - 1] > 0)
+def _costs(theirs: FloatArray, ours: Iterable[FloatArray]) -> FloatArray:
+    """-2 log likelihood of each window, whose noise is unknown, at each lag; shape (n, lags)."""
+    squares = [np.square(theirs - _bent(one)).sum(axis=1) for one in ours]
+    tiny = float(np.finfo(np.float64).tiny)
+    return np.asarray(_WINDOW * np.log(np.maximum(np.stack(squares, axis=1), tiny)))
+
+
+def _bent(windows: FloatArray) -> FloatArray:
+    """Rows less their level, drift and acceleration."""
+    time = np.linspace(-1.0, 1.0, windows.shape[1])
+    basis, _ = np.linalg.qr(np.stack([np.ones_like(time), time, time**2], axis=1))
+    return np.asarray(windows - (windows @ basis) @ basis.T)
+
+
+def _least(squares: FloatArray) -> FloatArray:
+    """Lag, s, at which each row is least, by a parabola through the three values there."""
+    k = np.clip(np.argmin(squares, axis=1), 1, len(_LAGS) - 2)
+    low, middle, high = (squares[np.arange(len(k)), k + step] for step in (-1, 0, 1))
+    bend = low - 2.0 * middle + high
+    shift = 0.5 * (low - high) / np.where(bend > 0.0, bend, np.inf)
+    return np.asarray((_LAGS[k] + np.clip(shift, -1.0, 1.0)) * (GRID_NS / SECOND))

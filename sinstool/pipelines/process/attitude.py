@@ -113,7 +113,7 @@ class AttitudeMode(Mode):
             if self._smoothing is None or not one.text.startswith(NOT_STILL)
         ]
         if vertical is not None:
-            findings += warned("height", vertical.warnings())
+            findings += vertical.findings()
         findings += warned("coning", settings.algorithm.caveats(settings.gyro_kind))
         if self._run.missed_rotation:
             turned = self._run.missed_rotation / DEGREE

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,6 @@ import numpy as np
 from sinstool.config import ProcessConfig
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.choices import log_choice
-from sinstool.core.english import counted
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.order_statistics import median
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs
@@ -58,15 +56,6 @@ JUMP_ROWS = 5
 JUMP_RATIO = 10.0
 # Times of a sensor that hangs that are listed.
 SHOWN_HANGS = 3
-# A reference that is good again so soon after a gap of the IMU, s, was good all the time.
-COAST_OF_GAP_S = 1.0
-# Why samples of a height reference are left out.
-WORDS = {
-    "not_finite": "not finite",
-    "out_of_range": "outside the range of air pressure",
-    "stamp": "whose stamp repeats or goes back",
-    "gate": "too far off",
-}
 
 
 def network(
@@ -408,74 +397,3 @@ def damping(
     reference, notes = height_reference(source, config, start_height)
     heights, more = network(config, grade.grade, latitude)
     return Damping(reference, heights, grade), [*notes, *more]
-
-
-def _without_coasts_of_gaps(events: list[Event]) -> tuple[list[Event], list[Event]]:
-    """Events without coasts that gaps of the IMU cause, not the height reference, and their ends.
-
-    They begin at the end of a gap and are over with the next sample of the reference.
-    """
-    gaps = [e.time for e in events if e.kind == "imu-gap"]
-    kept: list[Event] = []
-    ends: list[Event] = []
-    for e in events:
-        begun = e.time - e.duration
-        if (
-            e.kind == "re-engaged"
-            and kept
-            and kept[-1].kind == "coast"
-            and e.duration < COAST_OF_GAP_S
-            and any(0.0 <= begun - end < COAST_OF_GAP_S for end in gaps)
-        ):
-            kept.pop()
-            ends.append(e)
-        else:
-            kept.append(e)
-    return kept, ends
-
-
-def height_warnings(
-    channel: ChannelSummary, events: list[Event], begins_s: float = 0.0
-) -> list[str]:
-    """Warnings about the vertical channel, which began this long after the log."""
-    notes = []
-    rejected = {
-        name: count
-        for name, count in channel.samples.items()
-        if count and name not in ("accepted", "waiting", "frozen")
-    }
-    if rejected:
-        parts = ", ".join(f"{count} {WORDS.get(name, name)}" for name, count in rejected.items())
-        notes.append(f"height reference: samples were left out: {parts}")
-    texts = {
-        "jump": "height reference jumped by {size:+.1f} m at {time:.1f} s; the jump is taken off",
-        "returned": "height reference jumped back by {size:+.1f} m at {time:.1f} s, and the height"
-        " with it",
-        "coast": "no good height reference from {time:.1f} s on; coasting",
-        "re-engaged": "height reference is good again at {time:.1f} s, after {duration:.1f} s; the"
-        " height then differed from it by {size:+.1f} m",
-        "frozen": "height reference did not change for {duration:.0f} s while the vehicle moved, at"
-        " {time:.1f} s; those samples are not used",
-        "invalid": "height is not valid from {time:.1f} s on: coasting for too long",
-        "imu-gap": "the IMU has a gap of {size:.2f} s until {time:.1f} s; height is carried over"
-        " it",
-    }
-    events, after_gaps = _without_coasts_of_gaps(events)
-    seen: Counter[str] = Counter()
-    for e in events:
-        seen[e.kind] += 1
-        if e.kind in texts and seen[e.kind] <= 3:
-            notes.append(
-                texts[e.kind].format(size=e.size, time=begins_s + e.time, duration=e.duration)
-            )
-    if after_gaps:
-        largest = max((e.size for e in after_gaps), key=abs)
-        notes.append(
-            f"after gaps of the IMU height differed from its reference by {largest:+.1f} m"
-        )
-    for kind, count in seen.items():
-        if kind in texts and count > 3:
-            notes.append(f"... and {counted(count - 3, 'more event')} of this kind ({kind})")
-    if not channel.samples.get("accepted"):
-        notes.append("no sample of the height reference could be used: height is undamped")
-    return notes

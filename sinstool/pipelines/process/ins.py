@@ -21,8 +21,9 @@ from sinstool.methods.height.network import gravity_gradient
 from sinstool.methods.height.vertical import MAX_HOLD, beginning_quickly
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.pipelines.plan import Plan
-from sinstool.pipelines.process.height import Damping, damping, height_warnings
+from sinstool.pipelines.process.height import Damping, damping
 from sinstool.pipelines.process.height_beside_gnss import HeightBesideGnss
+from sinstool.pipelines.process.height_events import height_warnings, untrusted_heights
 from sinstool.pipelines.process.height_lag import HeightLag
 from sinstool.pipelines.process.ins_start import start_state
 from sinstool.pipelines.process.mode import (
@@ -113,10 +114,14 @@ class InsMode(Mode):
         run, alignment, settings = self._run, self.plan.alignment, self._run.settings
         seconds = (int(last.time_ns[-1]) - run.first_ns) / SECOND
         height, texts = None, list(self._notes)
+        untrusted: list[Finding] = []
         if self._damping is not None:
             assert last.vertical is not None
             height = self._damping.result(run.channel, run.events, run.first_ns, last.vertical[-1])
-            texts += height_warnings(run.channel, run.events)
+            begins_s = (run.first_ns - self.source.survey.first_ns) / SECOND
+            texts += height_warnings(run.channel, run.events, begins_s)
+            sigma = self._damping.reference.sigma
+            untrusted = untrusted_heights(run.events, run.first_ns, begins_s, seconds, sigma)
             assert self._height_beside is not None
             texts += [*self._lag.warnings(), *self._height_beside.warnings()]
         else:
@@ -136,6 +141,7 @@ class InsMode(Mode):
                 *_rotated(alignment),
                 *gap_findings(self.source, run.first_ns, settings.gyro_bias),
                 *warned("navigation", texts),
+                *untrusted,
                 *warned("navigation", _run_warnings(run)),
             ),
         )

@@ -8,13 +8,17 @@ from typing import Any
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.finding import Finding
 from sinstool.core.streams import Solution
+from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.vertical import VerticalChannel, upward_specific_force
-from sinstool.pipelines.process.height import damping, height_warnings
+from sinstool.pipelines.process.height import damping
 from sinstool.pipelines.process.height_beside_gnss import HeightBesideGnss
+from sinstool.pipelines.process.height_events import height_warnings, untrusted_heights
 from sinstool.pipelines.process.height_lag import HeightLag
 from sinstool.pipelines.process.height_used import HeightDamping
+from sinstool.pipelines.process.mode import warned
 from sinstool.survey.source import Source
 
 # Gravity there is half-way between that of the equator and the poles.
@@ -58,7 +62,7 @@ class Vertical:
             point_samples=config.input.sample_kind == "rate",
         )
         self._pushed = False
-        self._first_ns = 0
+        self._first_ns, self._log_ns = 0, source.survey.first_ns
         self._last = np.array([start, 0.0, 0.0])
 
     def push(self, solution: Solution) -> Solution:
@@ -85,7 +89,11 @@ class Vertical:
             self._channel.summary, self._channel.events, self._first_ns, self._last
         )
 
-    def warnings(self) -> list[str]:
-        """Warnings about the height."""
-        said = height_warnings(self._channel.summary, self._channel.events)
-        return [*self._notes, *said, *self._lag.warnings(), *self._beside.warnings()]
+    def findings(self) -> list[Finding]:
+        """What there is to know about the height."""
+        events, begins_s = self._channel.events, (self._first_ns - self._log_ns) / SECOND
+        said = height_warnings(self._channel.summary, events, begins_s)
+        said = [*self._notes, *said, *self._lag.warnings(), *self._beside.warnings()]
+        length, sigma = sum(self._channel.summary.seconds.values()), self.damping.reference.sigma
+        untrusted = untrusted_heights(events, self._first_ns, begins_s, length, sigma)
+        return [*warned("height", said), *untrusted]

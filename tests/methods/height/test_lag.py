@@ -9,12 +9,23 @@ from sinstool.methods.height.lag import GRID_NS, height_lag
 T0 = 1_700_000_000 * SECOND
 
 
-def flown(seed, late=0.0, noise=0.3, speed=3.0, slow=0.0, seconds=200.0, drift=0.02, rate=20.0):
+def flown(
+    seed,
+    late=0.0,
+    noise=0.3,
+    speed=3.0,
+    slow=0.0,
+    seconds=200.0,
+    drift=0.02,
+    rate=20.0,
+    change_s=2.0,
+):
     """Arguments of `height_lag` for climbs and descents of some seconds each."""
     random = np.random.default_rng(seed)
     fine = np.arange(-20.0, seconds, 0.01)
     steps = random.uniform(-speed, speed, 60)[((fine + 20.0) / 7.0).astype(int)]
-    climb = np.convolve(steps, np.full(200, 1.0 / 200), mode="same")
+    width = round(100 * change_s)
+    climb = np.convolve(steps, np.full(width, 1.0 / width), mode="same")
     height = np.cumsum(climb) * 0.01
     if slow:
         kernel = np.exp(-np.arange(0.0, 8.0 * slow, 0.01) / slow)
@@ -37,8 +48,16 @@ def test_stamps_that_are_late(seed, late):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_slow_sensor(seed):
-    """It is late by less in quick climbs than in slow ones."""
-    assert 1.0 < height_lag(*flown(seed, slow=2.0)).seconds < 2.1
+    """It follows quick climbs less than slow ones, and was taken for one that is late by less."""
+    assert height_lag(*flown(seed, slow=2.0)).seconds == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("kind", ["late", "slow"])
+def test_gentle_climbs(seed, kind):
+    """The noise of their rates hid a lag of a second and a half."""
+    lag = height_lag(*flown(seed, noise=0.4, speed=4.0, change_s=8.0, seconds=280.0, **{kind: 1.5}))
+    assert lag.seconds == pytest.approx(1.5, abs=0.35)
 
 
 @pytest.mark.parametrize("seed", range(20))

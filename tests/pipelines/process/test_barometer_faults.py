@@ -1,5 +1,7 @@
 """Barometers that fail in the middle of a log: what becomes of height, and what is said of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -114,6 +116,27 @@ def test_a_sensor_that_hangs_is_left_behind(tmp_path, mode):
     if mode == "ins":
         at = np.searchsorted(f.flight.time_ns, f.baro_ns[0] + 125 * 10**9)
         assert abs(collected.column("vertical")[at, 0] - f.flight.height[at]) < 3.0
+
+
+@pytest.mark.parametrize("mode", ["ins", "attitude"])
+def test_a_coast_that_ends_far_off_is_not_to_be_trusted(tmp_path, mode):
+    """Of a sensor that hung for 40 s, beside an accelerometer whose bias changed: status was 0."""
+    f = flight_log()
+    hung = (f.seconds >= 90.0) & (f.seconds <= 130.0)
+    f.pressure[hung] = f.pressure[hung][0]
+    imu = with_errors(f.flight.imu, NOISE_AND_BIASES["mems"], 0)
+    late = (imu.time_ns - imu.time_ns[0] > 95 * 10**9)[:, None]
+    force = imu.mean_specific_force - late * np.array([0.0, 0.0, 0.3])
+    log = f.write(tmp_path / "log.mcap", imu=replace(imu, mean_specific_force=force))
+    options = f.options(navigation={"mode": mode}, vertical={"height_damping": "baro"})
+    summary, collected = run(log, tmp_path / "out.mcap", options)
+    off = np.abs(collected.column("vertical")[:, 0] - f.flight.height)
+    seconds = (collected.column("time_ns") - f.baro_ns[0]) * 1e-9
+    assert off[(seconds > 90.0) & (seconds < 131.0)].max() > 100.0
+    assert off[seconds < 90.0].max() < 5.0
+    (lost,) = [one for one in summary["findings"] if "not to be trusted" in one["text"]]
+    assert lost["kind"] == "height" and lost["severity"] == "lost"
+    assert lost["text"].startswith("height from 90.0 s to 130.0 s")
 
 
 def test_a_jump_is_no_scale(tmp_path):

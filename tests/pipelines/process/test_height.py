@@ -9,16 +9,17 @@ import pytest
 from sinstool.config import ProcessConfig
 from sinstool.config.load import build
 from sinstool.core.errors import ConfigurationError, DataError
+from sinstool.core.finding import Severity
 from sinstool.core.streams import Baro, GnssEpochs
 from sinstool.methods.height.layout import ChannelSummary, Event
 from sinstool.methods.height.reference import HeightReference, reference_from_gnss
 from sinstool.methods.height.standard_atmosphere import geopotential, pressure_at
 from sinstool.pipelines.process.height import (
     height_reference,
-    height_warnings,
     heights_for_calibration,
     network,
 )
+from sinstool.pipelines.process.height_events import height_warnings, untrusted_heights
 from sinstool.survey.aiding import AidingData, Barometer
 
 T0 = 1_700_000_000_000_000_000
@@ -198,6 +199,51 @@ def test_a_gap_of_the_imu_is_no_fault_of_the_height_reference():
     silent = [Event("coast", 92.01, 0.0, 0.0), Event("re-engaged", 99.0, -3.1, 7.0)]
     assert "coasting" in height_warnings(channel(), [gap, *silent])[1]
     assert "coasting" in height_warnings(channel(), ends)[0]
+
+
+def test_a_coast_begins_with_the_last_good_sample():
+    """It was told 2 s late, and its length counted from there."""
+    events = [Event("coast", 52.0, 2.0, 0.0), Event("re-engaged", 90.0, 4.0, 38.0)]
+    first, second = height_warnings(channel(), events, 100.0)
+    assert first == "no good height reference from 150.0 s on; coasting"
+    assert "good again at 190.0 s, after 40.0 s" in second
+
+
+ENGAGED = Event("engaged", 0.0, 0.0, 0.0)
+COAST = [ENGAGED, Event("coast", 52.0, 2.0, 0.0)]
+UNTRUSTED = {
+    "near": ([*COAST, Event("re-engaged", 90.0, 14.0, 38.0)], []),
+    "far": ([*COAST, Event("re-engaged", 90.0, -261.0, 38.0)], [(50.0, 90.0, -261.0)]),
+    "disturbed": (
+        [*COAST, Event("re-engaged", 90.0, 14.0, 38.0), Event("returned", 150.0, -40.0, 1.0)],
+        [(90.0, 150.0, 40.0)],
+    ),
+    "frozen": (
+        [Event("frozen", 80.0, 60.0, 30.0), Event("re-engaged", 90.0, 2.0, 10.0)],
+        [(50.0, 90.0, -60.0)],
+    ),
+    "jump": ([ENGAGED, Event("jump", 60.0, 100.0, 0.8)], []),
+    "a short end": (COAST, []),
+    "a long end": ([ENGAGED, Event("coast", 12.0, 2.0, 0.0)], [(10.0, 400.0, None)]),
+}
+
+
+@pytest.mark.parametrize("case", UNTRUSTED)
+def test_heights_that_were_far_off_are_lost(case):
+    """A coast of 40 s ended 261 m off, with status 0."""
+    events, expected = UNTRUSTED[case]
+    length = 320.0 if case == "a short end" else 400.0
+    found = untrusted_heights(events, T0, 7.0, length, 0.0)
+    assert all(one.severity is Severity.LOST for one in found)
+    spans = [
+        ((f.start_ns - T0) / 1e9, (f.end_ns - T0) / 1e9, f.numbers.get("off_m")) for f in found
+    ]
+    assert spans == expected
+    for one, (begin, end, _) in zip(found, expected, strict=True):
+        to = "on" if end == length else f"to {end + 7.0:.1f} s"
+        assert one.text.startswith(f"height from {begin + 7.0:.1f} s {to} is not to be trusted")
+    # A reference of such a sigma shows less
+    assert not [f for f in untrusted_heights(events, T0, 7.0, length, 100.0) if f.numbers]
 
 
 def test_the_first_height_is_that_of_the_first_second():

@@ -38,7 +38,8 @@ from sinstool.pipelines.process.filter_used import (
     FilterUsed,
     WithheldScores,
 )
-from sinstool.pipelines.process.height import Damping, height_warnings
+from sinstool.pipelines.process.height import Damping
+from sinstool.pipelines.process.height_events import height_warnings
 from sinstool.pipelines.process.height_lag import HeightLag
 from sinstool.pipelines.process.ins_gnss import settings_used
 from sinstool.pipelines.process.ins_gnss.before_start import (
