@@ -541,3 +541,18 @@ def fix_messages(fixes, namespace=""):
             name = "geometry_msgs/msg/TwistStamped"
             out.append((stamp, f"{namespace}/velocity", name, serialised(message, name, 2)))
     return out
+
+
+def stated_velocities(fixes):
+    """The same of velocities whose noise the receiver states."""
+    types, name = store().types, "geometry_msgs/msg/TwistWithCovarianceStamped"
+    vector, twist = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Twist"]
+    covariance = np.diag([*3 * [fixes.sigma_v**2], 0.0, 0.0, 0.0]).reshape(-1)
+    out = []
+    for seconds, (north, east, down) in zip(fixes.seconds, fixes.velocity_n.tolist(), strict=True):
+        stamp = T0 + round(seconds * 1e9)
+        linear = twist(linear=vector(east, north, -down), angular=vector(0.0, 0.0, 0.0))
+        stated = types["geometry_msgs/msg/TwistWithCovariance"](twist=linear, covariance=covariance)
+        message = types[name](header=header(stamp, "gps"), twist=stated)
+        out.append((stamp, "/velocity", name, serialised(message, name, 2)))
+    return out

@@ -130,9 +130,15 @@ def wandering(data: Record, seed: int, size: float, time: float) -> Record:
     return displaced(data, _slow(data, seed, time) * size * np.array([1.0, 1.0, 1.5]))
 
 
-def _slow(data, seed, time):
+def drifting(data: Record, seed: int, size: float, time: float) -> Record:
+    """Velocities with an error that lasts: m/s (1 sigma of an axis), and its correlation, s."""
+    slow = size * _slow(data, seed, time, 34)
+    return replace(data, fixes=replace(data.fixes, velocity_n=data.fixes.velocity_n + slow))
+
+
+def _slow(data, seed, time, number=27):
     """Gauss-Markov, of size 1, at the fixes."""
-    random = np.random.default_rng([seed, 27])
+    random = np.random.default_rng([seed, number])
     keep = np.exp(-np.median(np.diff(data.fixes.seconds)) / time)
     white = random.standard_normal((len(data.fixes.seconds), 3))
     white[1:] *= np.sqrt(1.0 - keep**2)

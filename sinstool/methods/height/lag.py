@@ -35,9 +35,11 @@ _NEAR_S = 2.5
 _JUMP_TIMES, _JUMP_M = 10.0, 5.0
 # At the lag heights follow the accelerometer's by a factor this near to 1.
 _FOLLOWS = 0.3
-# Fewest windows, least lag, s, how many of its sigmas it is at least, and by how many of its sigmas
-# it is likelier than none.
-_LEAST_WINDOWS, LEAST_S, _SIGMAS, _LIKELIER = 4, 0.3, 4.0, 2.5
+# Fewest windows, least lag, s, and how many of its sigmas it is at least.
+_LEAST_WINDOWS, LEAST_S, _SIGMAS = 4, 0.3, 4.0
+# All windows but the one that shows the lag best make it likelier than none by this in -2 log
+# likelihood, and by so many times what speaks against it, which is chance.
+_LEAST_GAIN, _GAIN_SIGMAS = 50.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,8 @@ def height_lag(
     if lag < max(LEAST_S, _SIGMAS * spread) or best >= len(_LAGS) - 2:
         return None
     likelier = cost[:, _LAGS.tolist().index(0)] - cost[:, best]
-    if likelier.sum() < _LIKELIER * np.sqrt(len(begins)) * likelier.std(ddof=1):
+    against = float(np.sqrt(np.sum(np.square(np.minimum(likelier, 0.0)))))
+    if likelier.sum() - likelier.max() < max(_LEAST_GAIN, _GAIN_SIGMAS * against):
         return None
     ours = _bent(felt[rows - int(_LAGS[best])])
     if abs(np.sum(theirs * ours) / np.sum(np.square(ours)) - 1.0) > _FOLLOWS:

@@ -93,6 +93,15 @@ class GnssModel:
         north, east, down = self.position_markov
         return replace(self, position_markov=(level * north, level * east, vertical * down))
 
+    def lasting_longer(self, factor: float) -> GnssModel:
+        """The same receiver, the slow part of whose positions lasts so many times as long."""
+        return replace(self, position_time=factor * self.position_time)
+
+    def with_slow_velocity(self, level: float, vertical: float) -> GnssModel:
+        """The same receiver, the slow part of whose velocities is so many times as large."""
+        north, east, down = self.velocity_markov
+        return replace(self, velocity_markov=(level * north, level * east, vertical * down))
+
 
 @dataclass(frozen=True)
 class BaroModel:

@@ -23,7 +23,7 @@ from sinstool.methods.ins_gnss.receiver_offsets import ReceiverOffsets
 from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.ins_gnss.states import GNSS_POSITION
 from sinstool.methods.receiver_priors import ARM_USUAL_M, LATENCY_S
-from sinstool.methods.sensor_errors import Grade
+from sinstool.methods.sensor_errors import Grade, Triple
 from sinstool.pipelines.process.ins_gnss.initial_state import FoundStart, StartFixes, find_start
 from sinstool.pipelines.process.summary import FirstAttitude
 from sinstool.survey.grade import ImuGrade
@@ -117,8 +117,11 @@ class FilterStart:
     slow_errors : tuple of float, optional
         Slow errors of positions over those that follow from what the receiver states, horizontal
         and vertical.
+    slow_velocity : tuple of float, optional
+        The same of velocities.
     expected_slow_errors : tuple of float, optional
-        Slow errors of positions to expect over those that the log shows, horizontal and vertical.
+        Slow errors to expect over those that the log shows: of positions, horizontal and vertical,
+        and of velocities, horizontal and vertical.
     unseen_m : float, optional
         Up to which size slow errors of positions would not show in the log, m; 0 if none is unseen.
     drifts : float, optional
@@ -167,7 +170,8 @@ class FilterStart:
     velocity_noise: tuple[float, float] = (np.nan, np.nan)
     noisier_velocity: tuple[float, float] = (1.0, 1.0)
     slow_errors: tuple[float, float] = (1.0, 1.0)
-    expected_slow_errors: tuple[float, float] = (1.0, 1.0)
+    slow_velocity: tuple[float, float] = (1.0, 1.0)
+    expected_slow_errors: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 1.0)
     unseen_m: float = 0.0
     drifts: float = 1.0
     likelier: LikelierGrade | None = None
@@ -285,19 +289,29 @@ class FilterStart:
         """
         before = self.settings.gnss
         model = before.with_slow_position(level, vertical)
-        white, slow = np.square(before.position_white), np.square(before.position_markov)
-        square = np.square(self.gnss.sigma_position_n)
-        left = np.where(square >= white + slow, square - slow, square * white / (white + slow))
-        sigma = np.sqrt(left + np.square(model.position_markov))
-        covariance = self.start.covariance_position_n
-        least = np.square(model.position_white) + np.square(model.position_markov)
-        covariance = covariance + np.diag(np.maximum(least - np.diagonal(covariance), 0.0))
+        white, slow = before.position_white, model.position_markov
+        sigma = _with_slow(self.gnss.sigma_position_n, white, before.position_markov, slow)
+        covariance = _at_least(self.start.covariance_position_n, white, slow)
         return replace(
             self,
             settings=replace(self.settings, gnss=model),
             start=replace(self.start, covariance_position_n=covariance),
             gnss=replace(self.gnss, sigma_position_n=sigma),
             gnss_why=f"{self.gnss_why}; {why}" if why else self.gnss_why,
+        )
+
+    def with_slow_velocity(self, level: float, vertical: float) -> FilterStart:
+        """The same start with slow errors of velocities so many times as large, and its sigmas."""
+        before = self.settings.gnss
+        model = before.with_slow_velocity(level, vertical)
+        white, slow = before.velocity_white, model.velocity_markov
+        sigma = _with_slow(self.gnss.sigma_velocity_n, white, before.velocity_markov, slow)
+        covariance = _at_least(self.start.covariance_velocity_n, white, slow)
+        return replace(
+            self,
+            settings=replace(self.settings, gnss=model),
+            start=replace(self.start, covariance_velocity_n=covariance),
+            gnss=replace(self.gnss, sigma_velocity_n=sigma),
         )
 
     @property
@@ -373,3 +387,17 @@ def measurements(p: FilterStart) -> dict[str, Any]:
         columns["baro_height"] = r.height[later]
         columns["baro_reason"] = r.reason[later]
     return columns
+
+
+def _with_slow(sigma: FloatArray, white: Triple, before: Triple, slow: Triple) -> FloatArray:
+    """Sigmas of fixes, shape (n, 3), with another slow part beside the same white one."""
+    ours, theirs = np.square(white), np.square(before)
+    square = np.square(sigma)
+    left = np.where(square >= ours + theirs, square - theirs, square * ours / (ours + theirs))
+    return np.asarray(np.sqrt(left + np.square(slow)))
+
+
+def _at_least(covariance: FloatArray, white: Triple, slow: Triple) -> FloatArray:
+    """Covariance of a start, which is no more certain than a fix."""
+    least = np.square(white) + np.square(slow)
+    return np.asarray(covariance + np.diag(np.maximum(least - np.diagonal(covariance), 0.0)))

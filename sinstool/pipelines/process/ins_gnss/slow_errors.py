@@ -16,13 +16,14 @@ References
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from sinstool.core.arrays import FloatArray
 from sinstool.methods.ins_gnss.states import GNSS_POSITION
 from sinstool.methods.land_vehicle.shaking import Shaking
+from sinstool.methods.sensor_errors import Triple
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.innovation_cost import (
@@ -43,7 +44,31 @@ DIVERGES = 2.0
 # slow errors are not less than none (Chernoff 1954).
 BY_CHANCE = 2.7
 LEAST_EPOCHS = 100
+# Slow errors of positions last so long at most, s: beyond that they count as constant here.
+MOST_LASTING_S = 3200.0
+# Whether velocities are off shows better with the time that errors of positions last.
+ROUNDS = 2
 SLOW = "; slow errors"
+# Steps of the sizes: of positions, horizontal and vertical, and of velocities.
+Steps = tuple[int, int, int, int]
+NONE: Steps = (0, 0, 0, 0)
+# Horizontal and vertical together first, then each by itself
+POSITION_WAYS: tuple[Steps, ...] = (
+    (1, 1, 0, 0),
+    (0, 1, 0, 0),
+    (0, -1, 0, 0),
+    (1, 0, 0, 0),
+    (-1, 0, 0, 0),
+)
+VELOCITY_WAYS: tuple[Steps, ...] = (
+    (0, 0, 1, 1),
+    (0, 0, 1, 0),
+    (0, 0, -1, 0),
+    (0, 0, 0, 1),
+    (0, 0, 0, -1),
+    (-1, -1, 0, 0),
+    *POSITION_WAYS,
+)
 
 
 def with_expected_slow_errors(start: FilterStart) -> FilterStart:
@@ -54,10 +79,12 @@ def with_expected_slow_errors(start: FilterStart) -> FilterStart:
     start : FilterStart
         By :func:`with_slow_errors`.
     """
-    level, vertical = start.expected_slow_errors
-    if max(level, vertical) == 1.0:
+    level, vertical, *velocity = start.expected_slow_errors
+    if max(start.expected_slow_errors) == 1.0:
         return start
-    return _described(start.with_slow_position(level, vertical, ""), "", start.unseen_m)
+    larger = start.with_slow_position(level, vertical, "").with_slow_velocity(*velocity)
+    larger = replace(larger, slow_velocity=_times(start.slow_velocity, *velocity))
+    return _described(larger, "", start.unseen_m)
 
 
 def with_slow_errors(
@@ -88,49 +115,115 @@ def with_slow_errors(
     if judged.settings.kind.first(GNSS_POSITION) < 0:
         # Without states for slow errors no size of them is likelier than another
         judged = replace(judged, settings=replace(judged.settings, filter="markov-27"))
-    fits: dict[tuple[int, int], tuple[float, float]] = {}
+    fits: dict[Steps, tuple[float, float]] = {}
 
-    def cost(steps: tuple[int, int]) -> float:
+    def cost(steps: Steps) -> float:
         if steps not in fits:
             if not 0 <= min(steps) <= max(steps) <= MOST_STEPS:
                 return np.inf
             fits[steps] = _fit(increments, _with(judged, steps), shaken)
         return fits[steps][0]
 
-    def likelier(best: tuple[int, int]) -> tuple[int, int]:
-        # Horizontal and vertical together first, then each by itself
-        for way in ((1, 1), (0, 1), (0, -1), (1, 0), (-1, 0)):
-            while cost(ahead := (best[0] + way[0], best[1] + way[1])) < cost(best):
-                best = ahead
-        return best
-
-    if not np.isfinite(cost((0, 0))):
+    if not np.isfinite(cost(NONE)):
         return start
-    best = likelier((0, 0))
+    best = _search(cost, NONE, POSITION_WAYS)
     if fits[best][1] > DIVERGES:
         # The likelihood of a filter that diverges rises and falls by chance
-        best = likelier(min(((n, n) for n in range(MOST_STEPS + 1)), key=cost))
-    if cost(best) >= cost((0, 0)) - LEAST_GAIN:
-        best = (0, 0)
-    larger = [cost(best)]
-    while larger[-1] < larger[0] + NOT_SHOWN:
-        larger.append(cost((best[0] + len(larger), best[1] + len(larger))))
+        sizes = [(n, n, 0, 0) for n in range(MOST_STEPS + 1)]
+        best = _search(cost, min(sizes, key=cost), POSITION_WAYS)
+    if cost(best) >= cost(NONE) - LEAST_GAIN:
+        best = NONE
+    known = bool(judged.used.has_velocity.any())
+    for _ in range(ROUNDS):
+        best = _beside_velocities(cost, best) if known else best
+        if best[:2] != NONE[:2]:
+            break
+        longer = _lasting(_with(judged, best), lambda one: _fit(increments, one, shaken)[0])
+        if longer == 1.0:
+            break
+        judged, start = _longer(judged, longer), _longer(start, longer)
+        fits.clear()
+
+    def larger(way: Steps) -> list[float]:
+        """Costs of slow errors 1, `STEP`, `STEP`² ... times as large, until they would show."""
+        costs, ahead = [cost(best)], best
+        while costs[-1] < costs[0] + NOT_SHOWN:
+            ahead = _ahead(ahead, way)
+            costs.append(cost(ahead))
+        return costs
+
+    positions = larger((1, 1, 0, 0))
     made = _with(start, best)
-    most = made.settings.gnss.position_markov[0] * STEP ** (len(larger) - 2)
+    model, unseen = made.settings.gnss, len(positions) - 2
+    most = model.position_markov[0] * STEP**unseen if unseen else 0.0
+    expected = [1.0, 1.0, 1.0, 1.0]
+    if best[:2] == NONE[:2]:
+        north, _, down = expected_factors(model.position_markov, model.position_white, positions)
+        expected[:2] = north, down
+    ways: tuple[Steps, Steps] = (0, 0, 1, 0), (0, 0, 0, 1)
+    for which, way in enumerate(ways, start=2):
+        if best[which] == 0 and known:
+            shown = expected_factors(model.velocity_markov, model.velocity_white, larger(way))
+            expected[which] = shown[2 * (which - 2)]
     return replace(
-        _described(made, ", by all innovations" * any(best), most if len(larger) > 2 else 0.0),
-        expected_slow_errors=expected_factors(made, np.array(larger))
-        if best == (0, 0)
-        else (1.0, 1.0),
+        _described(made, ", by all innovations" * any(best), most),
+        expected_slow_errors=(expected[0], expected[1], expected[2], expected[3]),
     )
 
 
-def expected_factors(start: FilterStart, costs: FloatArray) -> tuple[float, float]:
-    """Slow errors to expect over those of a start, horizontal and vertical.
+def _beside_velocities(cost: Callable[[Steps], float], best: Steps) -> Steps:
+    """Steps of positions and velocities, which follow each other for a minute, from some on."""
+    both = _search(cost, best, VELOCITY_WAYS)
+    alone = (0, 0, *both[2:])
+    both = alone if cost(alone) < cost(both) + LEAST_GAIN else both
+    return both if cost(both) < cost(best) - LEAST_GAIN else best
+
+
+def _lasting(start: FilterStart, cost: Callable[[FilterStart], float]) -> float:
+    """How many times as long as those of a start slow errors of positions last.
+
+    A receiver states how large they are. If they change by less within minutes, they last longer,
+    and no filter averages them out.
+    """
+    usual, times = start.settings.gnss.position_time, 1.0
+    first = least = cost(start)
+    while usual * times * STEP <= MOST_LASTING_S:
+        shown = cost(_longer(start, times * STEP))
+        if shown >= least:
+            break
+        times, least = times * STEP, shown
+    return times if least < first - LEAST_GAIN else 1.0
+
+
+def _longer(start: FilterStart, factor: float) -> FilterStart:
+    """A start with slow errors of positions that last so many times as long."""
+    settings = start.settings
+    return replace(start, settings=replace(settings, gnss=settings.gnss.lasting_longer(factor)))
+
+
+def _search(cost: Callable[[Steps], float], best: Steps, ways: Sequence[Steps]) -> Steps:
+    """The steps from which none of the ways goes down, from some on."""
+    begun = None
+    while begun != best:
+        begun = best
+        for way in ways:
+            while cost(ahead := _ahead(best, way)) < cost(best):
+                best = ahead
+    return best
+
+
+def _ahead(steps: Steps, way: Steps) -> Steps:
+    return steps[0] + way[0], steps[1] + way[1], steps[2] + way[2], steps[3] + way[3]
+
+
+def expected_factors(slow: Triple, white: Triple, costs: Sequence[float]) -> Triple:
+    """Slow errors to expect over those of a start, north, east and down.
 
     Parameters
     ----------
-    costs : ndarray, shape (n,)
+    slow, white : tuple of float
+        Sigmas of the slow and of the white errors.
+    costs : sequence of float
         -2 log likelihood with slow errors 1, `STEP`, `STEP`² ... times as large.
 
     Notes
@@ -138,33 +231,44 @@ def expected_factors(start: FilterStart, costs: FloatArray) -> tuple[float, floa
     The root of the mean square under the posterior. A priori all these sizes are equally likely, up
     to the whole error that the receiver states. 1 unless larger ones are likelier than by chance.
     """
-    model = start.settings.gnss
-    slow, white = np.array(model.position_markov), np.array(model.position_white)
     times = STEP ** np.arange(float(len(costs)))[:, None]
-    possible = times * slow <= np.hypot(slow, white)
+    possible = times * np.array(slow) <= np.hypot(slow, white)
     possible[0] = True
     # Where the filter diverges with all of these, a far larger size may be likelier by hundreds
-    each = np.where(possible, costs[:, None], np.inf)
+    each = np.where(possible, np.array(costs)[:, None], np.inf)
     if costs[0] < each.min() + BY_CHANCE:
-        return 1.0, 1.0
+        return 1.0, 1.0, 1.0
     weight = np.exp(0.5 * (each.min(axis=0) - each))
-    north, _, down = np.sqrt((weight * times**2).sum(axis=0) / weight.sum(axis=0)).tolist()
-    return north, down
+    north, east, down = np.sqrt((weight * times**2).sum(axis=0) / weight.sum(axis=0)).tolist()
+    return north, east, down
 
 
-def _with(start: FilterStart, steps: tuple[int, int]) -> FilterStart:
-    """A start with slow errors larger by steps, horizontal and vertical."""
-    if not any(steps):
+def _with(start: FilterStart, steps: Steps) -> FilterStart:
+    """A start with slow errors larger by steps."""
+    level, vertical, *velocity = (STEP**step for step in steps)
+    if any(steps[2:]):
+        larger = _times(start.slow_velocity, *velocity)
+        start = replace(start.with_slow_velocity(*velocity), slow_velocity=larger)
+    if not any(steps[:2]):
         return start
-    level, vertical = (STEP**step for step in steps)
-    times = start.slow_errors[0] * level, start.slow_errors[1] * vertical
-    return replace(start.with_slow_position(level, vertical, ""), slow_errors=times)
+    larger = _times(start.slow_errors, level, vertical)
+    return replace(start.with_slow_position(level, vertical, ""), slow_errors=larger)
+
+
+def _times(errors: tuple[float, float], level: float, vertical: float) -> tuple[float, float]:
+    """Factors on slow errors, horizontal and vertical, times others."""
+    return errors[0] * level, errors[1] * vertical
 
 
 def _described(start: FilterStart, how: str, unseen_m: float) -> FilterStart:
     """A start that says how large its slow errors are, and up to which size none would show."""
-    north, _, down = start.settings.gnss.position_markov
-    text = f"{start.gnss_why.split(SLOW)[0]}{SLOW} {north:.3g} m, in height {down:.3g} m{how}"
+    model = start.settings.gnss
+    north, _, down = model.position_markov
+    text = f"{start.gnss_why.split(SLOW)[0]}{SLOW} {north:.3g} m, in height {down:.3g} m"
+    text += f" over {model.position_time:.0f} s"
+    if max(start.slow_velocity) > 1.0:
+        text += f", of velocities {model.velocity_markov[0]:.2g} m/s"
+    text += how
     if unseen_m:
         text += f" (slow errors up to {unseen_m:.2g} m would not show)"
     return replace(start, gnss_why=text, unseen_m=unseen_m)

@@ -109,6 +109,13 @@ def _warnings(start: FilterStart) -> list[str]:
             " 1 sigma) within minutes, more than the receiver states; they are weighted accordingly"
             " (--gnss-lasting overrides this)"
         )
+    model = start.settings.gnss
+    if start.slow_velocity[0] > 1.0 and model.velocity_markov[0] > model.velocity_white[0]:
+        warnings.append(
+            "compared with the IMU and the positions, velocities of the receiver are off by"
+            f" {model.velocity_markov[0]:.2g} m/s (1 sigma) for a minute at a time, more than the"
+            " receiver states; they are weighted accordingly (--gnss-noise-scale overrides this)"
+        )
     if max(start.noisier_velocity) > 1.0:
         warnings.append(
             "from epoch to epoch, velocities scatter"

@@ -1,7 +1,6 @@
 """Slow errors of fixes that an IMU shows, and those that it cannot."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,8 +8,16 @@ import pytest
 from benchmarks.trusted_navigation import process
 from sinstool.pipelines.process.ins_gnss.slow_errors import expected_factors
 from tests.helpers.filter_logs import start_of
-from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, write
-from tests.helpers.unseen_errors import shaken, smoothed_by_receiver, wandering
+from tests.helpers.unseen_drives import (
+    GRADES,
+    LEVER,
+    boat,
+    drive,
+    record,
+    stated_velocities,
+    write,
+)
+from tests.helpers.unseen_errors import drifting, shaken, smoothed_by_receiver, wandering
 
 SIGMA = 0.4
 
@@ -141,7 +148,7 @@ def test_noisy_fixes_with_white_noise_only_keep_their_sigmas(tmp_path, seed):
 @pytest.mark.slow
 def test_a_good_imu_shows_that_fixes_do_not_wander(tmp_path, seed):
     start = started(tmp_path, seed, 0.0)
-    assert start.expected_slow_errors == (1.0, 1.0)
+    assert start.expected_slow_errors == (1.0, 1.0, 1.0, 1.0)
     assert start.settings.gnss.position_markov[0] < 0.15 * SIGMA
 
 
@@ -164,11 +171,45 @@ def test_the_velocity_of_fixes_that_a_receiver_smooths_is_not_believed(tmp_path,
     assert np.sqrt(np.mean(np.square(ratio))) < 1.4
 
 
+def afloat(folder, seed, size, time, velocity=0.0):
+    """Position errors over their sigmas and in m, rms, of a boat in twenty minutes."""
+    truth = boat(seed, 1200.0)
+    data = record(truth, GRADES["tactical"], seed, gnss_rate=1.0, sigma=0.3, sigma_v=0.03)
+    data = wandering(data, seed, size, time)
+    data = drifting(data, seed, velocity, 60.0) if velocity else data
+    velocities = stated_velocities(data.fixes)
+    positions = replace(
+        data.fixes,
+        sigma=float(np.hypot(0.3, size)),
+        velocity_n=np.full_like(data.fixes.velocity_n, np.nan),
+    )
+    log = write(folder / "log.mcap", replace(data, fixes=positions), velocities)
+    answer, status, _ = process(log, truth, ["--smooth"])
+    assert answer is not None and status == 0
+    error = answer.error[:, :3]
+    return tuple(np.sqrt(np.mean(np.square(e))) for e in (error / answer.sigma[:, :3], error))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_velocities_that_are_off_for_a_minute(tmp_path, seed):
+    """The filter followed them past fixes of a metre: by 4 to 5 m, or 3 to 5 sigmas."""
+    over_sigma, metres = afloat(tmp_path, seed, 1.0, 200.0, 0.04)
+    assert over_sigma < 2.0
+    assert metres < 2.0
+
+
+@pytest.mark.slow
+def test_slow_errors_that_outlast_the_log_are_not_averaged(tmp_path):
+    """Fixes change within minutes as little as their errors do that last an hour: 2.0 before."""
+    ratios = [afloat(tmp_path, seed, 1.0, 3600.0)[0] for seed in range(1, 7)]
+    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.6
+
+
 def test_errors_beyond_all_that_the_receiver_states_are_not_expected():
     """Where the filter diverges with smaller ones they are likelier by hundreds: nan came out."""
-    gnss = SimpleNamespace(position_markov=(0.1, 0.1, 0.1), position_white=(1.0, 1.0, 1.0))
-    start = SimpleNamespace(settings=SimpleNamespace(gnss=gnss))
+    slow, white = (0.1, 0.1, 0.1), (1.0, 1.0, 1.0)
     costs = np.array([3655.0, 3655.0, 3655.0, 3654.5, 3654.0, 3656.0, 1752.0, 1887.0])
-    assert expected_factors(start, costs) == (1.0, 1.0)
+    assert expected_factors(slow, white, costs) == (1.0, 1.0, 1.0)
     costs[3] -= 20.0
-    assert expected_factors(start, costs) == pytest.approx((8.0, 8.0), rel=0.01)
+    assert expected_factors(slow, white, costs) == pytest.approx((8.0, 8.0, 8.0), rel=0.01)
