@@ -91,6 +91,11 @@ class MotionAlignment:
         return bool(np.max(np.abs(errors.gyro_bias)) > SURPRISE * self.settings.grade.gyro_bias)
 
     @property
+    def fits(self) -> bool:
+        """Whether it gives a heading that the fixes agree with, and a gyro bias as of its grade."""
+        return self.consistent and not self.bias_surprises
+
+    @property
     def bias_shown(self) -> bool:
         """Whether the fixes, rather than the grade, say what the gyro bias is."""
         errors = self.result.errors
@@ -281,7 +286,9 @@ def align_in_motion(
         rough = tried(gyro_bias, settings.grade, ends)
     # A bias a little beyond the ordinary may be what it is, and a large one an illusion
     found = [settled(one) for one in (best, rough) if one is not None and one.good]
-    likeliest = min(found, key=lambda one: one.result.chi2, default=best)
+    # Residuals of a short span say nothing against an ordinary bias that fits all of a long one
+    sure = [one for one in found if one.settings.end_ns in ends_ns and one.fits]
+    likeliest = min(sure or found, key=lambda one: one.result.chi2, default=best)
     if level is not None and _turns_away(likeliest, level):
         goes = tried(level.bias, settings.grade, ends_ns)
         likeliest = likeliest if goes is None or not goes.good else settled(goes)

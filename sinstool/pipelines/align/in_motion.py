@@ -201,7 +201,7 @@ def _through(gate: str, wanted: _Wanted) -> MotionAlignment:
     if doubtful and wanted.likely_bias is not None:
         with suppress(AlignmentError):
             same = begun(start, notes, likely=wanted.likely_bias)
-            if not same.bias_surprises and same.consistent:
+            if same.fits:
                 return replace(same, bias_by_motion=True)
     known: in_motion.Known | None = None
     if doubtful and refuse_sigma > REFUSE_SIGMA:

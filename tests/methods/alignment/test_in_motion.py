@@ -136,12 +136,15 @@ class Answer:
     status: str = "ok"
     sigma_worst: float = 0.01
     warnings: tuple[str, ...] = ()
+    t_q_ns: int = 0
+    t_stop_ns: int = 0
 
 
 def test_a_gyro_bias_that_no_refinement_confirms_is_not_used(monkeypatch):
     """An answer that was not refined may be anything, however well it fits."""
     sigma = {"gyro_bias": np.full(3, DEGREE)}
-    bias = SimpleNamespace(gyro_bias=np.array([0.0, 0.0, 1.0]) * DEGREE, sigma=sigma)
+    off = np.array([0.0, 0.0, 1.0]) * DEGREE
+    bias = SimpleNamespace(gyro_bias=off, sigma=sigma, chi2=1.0)
     removed = []
 
     def answer(imu, fixes, span):
@@ -160,6 +163,31 @@ def test_a_gyro_bias_that_no_refinement_confirms_is_not_used(monkeypatch):
     assert found.result.errors is bias and not found.bias_by_motion
 
 
+def test_a_short_span_is_not_preferred_to_a_long_one_that_fits(monkeypatch):
+    """Its residuals were smaller by a hair: a ship's heading was known to 3.9 deg, not to 1.3."""
+    whole, ordinary = 125 * SECOND, MEMS.gyro_bias
+
+    def answer(imu, fixes, span):
+        long = span.end_ns == whole
+        off = 0.5 * ordinary if long else 5.0 * ordinary
+        sigma = {"gyro_bias": np.full(3, span.grade.gyro_bias)}
+        errors = SimpleNamespace(gyro_bias=np.full(3, off), sigma=sigma, chi2=0.9 if long else 1.1)
+        if long and np.abs(imu.delta_theta[1:50, 0].mean()) > 2.0 * ordinary * 0.02:
+            return Answer(None, 2.5, "unobservable", 0.4)  # less the bias of a short span
+        times = {"t_q_ns": 0, "t_stop_ns": span.end_ns}
+        return Answer(errors, *((0.09, "degraded", 0.023) if long else (0.08, "ok", 0.07)), **times)
+
+    imu, fixes = circling(6.0 * DEGREE, np.zeros(3))
+    monkeypatch.setattr(in_motion, "align_in_flight", answer)
+    settings = AlignmentSettings(gate="off", at="end", refine=True, start_ns=0, grade=MEMS)
+    unknown = 0.5 * DEGREE, UNSEEN
+    found = align_in_motion(
+        SpanReader([imu]), "rate", 0.02, fixes, settings, np.zeros(3), [whole], *unknown
+    )
+    assert found.settings.end_ns == whole
+    assert found.result.sigma_worst == 0.023
+
+
 @pytest.mark.parametrize("aligns", [True, False])
 def test_a_bias_that_turns_a_level_vehicle_off_its_course_gives_way(monkeypatch, aligns):
     """Two biases explain the turns; with one it turns by 1 deg/s while its course stays."""
@@ -169,7 +197,7 @@ def test_a_bias_that_turns_a_level_vehicle_off_its_course_gives_way(monkeypatch,
     def answer(samples, fixes, span):
         goes = samples.delta_theta[1:50, 2].mean() < 6.5 * DEGREE * 0.02
         off = np.array([0.0 if goes else 0.2, 0.0, 0.0]) * DEGREE
-        errors = SimpleNamespace(gyro_bias=off, sigma=sigma)
+        errors = SimpleNamespace(gyro_bias=off, sigma=sigma, chi2=1.0)
         return Answer(errors, 1.5 if goes else 1.0, "ok" if aligns or not goes else "failed")
 
     monkeypatch.setattr(in_motion, "align_in_flight", answer)
