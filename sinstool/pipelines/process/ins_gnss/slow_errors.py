@@ -87,6 +87,14 @@ def with_expected_slow_errors(start: FilterStart) -> FilterStart:
     return _described(larger, "", start.unseen_m)
 
 
+def as_stated(start: FilterStart) -> FilterStart:
+    """A start with slow errors as large as they follow from what the receiver states."""
+    positions, velocities = np.array(start.slow_errors), np.array(start.slow_velocity)
+    smaller = start.with_slow_position(*(1.0 / positions).tolist(), "")
+    smaller = smaller.with_slow_velocity(*(1.0 / velocities).tolist())
+    return replace(smaller, slow_errors=(1.0, 1.0), slow_velocity=(1.0, 1.0))
+
+
 def with_slow_errors(
     start: FilterStart,
     judged: FilterStart,

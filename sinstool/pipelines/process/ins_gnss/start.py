@@ -45,6 +45,7 @@ from sinstool.pipelines.process.ins_gnss.receiver import (
     with_white_velocity,
 )
 from sinstool.pipelines.process.ins_gnss.slow_errors import (
+    as_stated,
     with_expected_slow_errors,
     with_slow_errors,
 )
@@ -83,8 +84,9 @@ def timed_start(
     if config.navigation.imu_grade == "auto":
         first, start = _fitted(source, config, algorithm, first, start)
         start = drifting(source, config, algorithm, first, start)
-        # With a poor IMU the slow errors of fixes do not show: once more with a better one
-        start = _wandering(source, config, algorithm, start)
+        # With a poor IMU the slow errors of fixes do not show, and drift with one that is too good
+        # looks like them: once more with the sensors that the drift shows
+        start = _wandering(source, config, algorithm, as_stated(start))
     start = with_likeliest(source, config, algorithm, start, start.by_the_fixes)
     # Contradictions are judged without allowing for what does not show
     start = with_expected_slow_errors(compare_with_log(source, config, algorithm, start))
