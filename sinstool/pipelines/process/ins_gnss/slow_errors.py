@@ -89,9 +89,9 @@ def with_expected_slow_errors(start: FilterStart) -> FilterStart:
 
 def as_stated(start: FilterStart) -> FilterStart:
     """A start with slow errors as large as they follow from what the receiver states."""
-    positions, velocities = np.array(start.slow_errors), np.array(start.slow_velocity)
-    smaller = start.with_slow_position(*(1.0 / positions).tolist(), "")
-    smaller = smaller.with_slow_velocity(*(1.0 / velocities).tolist())
+    (level, vertical), (level_v, vertical_v) = start.slow_errors, start.slow_velocity
+    smaller = start.with_slow_position(1.0 / level, 1.0 / vertical, "")
+    smaller = smaller.with_slow_velocity(1.0 / level_v, 1.0 / vertical_v)
     return replace(smaller, slow_errors=(1.0, 1.0), slow_velocity=(1.0, 1.0))
 
 
