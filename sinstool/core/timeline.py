@@ -19,6 +19,9 @@ from sinstool.core.memory import return_freed_memory
 from sinstool.core.streams import Imu, Stream, concatenate
 
 SECOND = 1_000_000_000
+# Grids of times reach over gaps up to this, ns. One of years, as by a clock that is set while
+# recording, would fill the memory.
+LONGEST_GAP_NS = 6 * 3600 * SECOND
 # Samples are held back this long at first; a log that needs more is read again with more.
 FIRST_HORIZON = SECOND
 # Stamps that run back further than this are a clock that was set, not late messages.
@@ -32,6 +35,12 @@ LOST_INTERVALS = 1.5
 LONG_STREAM = 100_000
 S = TypeVar("S", bound=Stream)
 _NEVER = int(np.iinfo(np.int64).min)
+
+
+def longest_part(time_ns: np.ndarray) -> slice:
+    """Rows of the part with most rows, of those that gaps above `LONGEST_GAP_NS` lie between."""
+    edges = [0, *(np.flatnonzero(np.diff(time_ns) > LONGEST_GAP_NS) + 1).tolist(), len(time_ns)]
+    return max((slice(a, b) for a, b in pairwise(edges)), key=lambda part: part.stop - part.start)
 
 
 def clock_time(time_ns: int) -> str:

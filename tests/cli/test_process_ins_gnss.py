@@ -1,15 +1,18 @@
 """`sinstool process --mode ins-gnss`, as a user runs it."""
 
 import json
+import struct
 
 import pytest
 from click.testing import CliRunner
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from sinstool.cli.main import cli
 from sinstool.core.errors import ConfigurationError, TopicError
 from sinstool.io.readers import open_log
 from tests.helpers.filter_logs import CAUSES, simulated
-from tests.helpers.logs import real
+from tests.helpers.logs import memory_below, real
 from tests.helpers.one_line import one_line
 
 
@@ -138,3 +141,35 @@ def test_an_error_of_the_alignment_names_the_log(sinstool, drive, tmp_path):
         status, _, err = sinstool("process", drive, "-o", out, "--align", "svd", *span, *options)
         assert status == 1 and one_line(err).startswith(f"sinstool: {drive}: alignment in flight")
         assert not out.exists()
+
+
+def set_forward(source, target, at_s, by_s, topics=()):
+    """A log whose clock was set while it was recorded, for some topics or all."""
+    with source.open("rb") as stream, target.open("wb") as out:
+        writer = Writer(out)
+        writer.start(profile="ros2")
+        numbers, begin = {}, None
+        for schema, channel, message in make_reader(stream).iter_messages():
+            begin = message.log_time if begin is None else begin
+            if channel.topic not in numbers:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                numbers[channel.topic] = writer.register_channel(channel.topic, "cdr", number)
+            data, time = bytearray(message.data), message.log_time
+            if time - begin >= at_s * 10**9 and (not topics or channel.topic in topics):
+                time += by_s * 10**9
+                # The stamp's seconds follow the four bytes that say how a message is encoded
+                struct.pack_into("<i", data, 4, struct.unpack_from("<i", data, 4)[0] + by_s)
+            writer.add_message(numbers[channel.topic], time, bytes(data), time)
+        writer.finish()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("topics", [(), ("/imu/data_raw",)], ids=["all", "the IMU"])
+@pytest.mark.parametrize("at_s", [30, 100])
+def test_a_clock_that_is_set_forward_by_a_year_takes_no_memory(drive, tmp_path, at_s, topics):
+    """As of a computer without a clock of its own that finds its time server."""
+    log = tmp_path / "year.mcap"
+    set_forward(drive, log, at_s, 30_000_000, topics)
+    with memory_below(2**27):
+        made = process(log, tmp_path / "out.mcap", "--smooth")
+    assert "gaps" in {finding["kind"] for finding in made["findings"]}

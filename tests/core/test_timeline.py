@@ -11,6 +11,7 @@ from sinstool.core.timeline import (
     SECOND,
     Order,
     OrderCounts,
+    longest_part,
     mean_rates,
     means_with_lost,
     ordered,
@@ -271,3 +272,12 @@ def test_stamps_that_are_late_lose_nothing(late, data):
     inside = slice(0, len(late) - 1)  # what comes behind the last is not known
     assert np.array_equal(out.gyro[inside], rate[inside])
     assert np.array_equal(out.time_ns, times)
+
+
+@pytest.mark.parametrize(
+    ("hours", "rows"),
+    [([0, 1, 2], (0, 3)), ([0, 7, 8, 9], (1, 4)), ([0, 1, 9], (0, 2)), ([], (0, 0)), ([5], (0, 1))],
+)
+def test_the_longest_part_between_gaps_of_hours(hours, rows):
+    part = longest_part(3600 * SECOND * np.array(hours, dtype=np.int64))
+    assert (part.start, part.stop) == rows

@@ -19,7 +19,7 @@ from sinstool.core.order_statistics import median
 from sinstool.core.parts import kernel
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import DerivedEpochs, GnssEpochs, concatenate
-from sinstool.core.timeline import SECOND
+from sinstool.core.timeline import SECOND, longest_part
 from sinstool.methods.ins_gnss.latency import NOT_OBSERVABLE, Latency, correlate
 
 # A parabola is fitted to the fixes within so many seconds before and after; within the shortest of
@@ -354,6 +354,7 @@ def velocity_lag(gnss: GnssEpochs) -> Latency:
         steps of a walk, or swings, may look alike an interval later.
     """
     fixes = gnss.rows(gnss.has_position & gnss.has_velocity)
+    fixes = fixes.rows(longest_part(fixes.time_ns))
     if len(fixes) < 20:
         return NOT_OBSERVABLE
     t = (fixes.time_ns - fixes.time_ns[0]) * 1e-9

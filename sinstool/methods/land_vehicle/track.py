@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.timeline import LONGEST_GAP_NS
 from sinstool.methods.ins_gnss.constraints import STEP_NS
 from sinstool.methods.strapdown.velocity import Increments
 
 # Rows of a track that are further apart leave a gap.
 LONGEST_NS = 2_500_000_000
+LONGEST_GAP = LONGEST_GAP_NS // STEP_NS
 # Rows whose own sigma is larger than so many medians lie in outages.
 OUTAGE = 1.5
 
@@ -44,6 +47,8 @@ class Means:
 class MeansStage:
     """Takes increments, block by block, and makes means of them.
 
+    Of parts of a log that are more than `LONGEST_GAP` steps apart, that with most steps counts.
+
     Parameters
     ----------
     start_ns : int
@@ -60,24 +65,39 @@ class MeansStage:
             return
         middle = increments.time_ns - np.round(0.5e9 * increments.interval).astype(np.int64)
         step = (middle - self._start_ns) // STEP_NS
-        first = int(step[0])
         columns = (
             increments.interval,
             *increments.rotation_vector.T,
             *increments.velocity_increment.T,
         )
-        sums = [np.bincount(step - first, weights=column) for column in columns]
-        self._sums.append((first, np.stack(sums, axis=1)))
+        edges = [0, *(np.flatnonzero(np.diff(step) > LONGEST_GAP) + 1).tolist(), len(step)]
+        for begin, end in pairwise(edges):
+            first = int(step[begin])
+            sums = [np.bincount(step[begin:end] - first, column[begin:end]) for column in columns]
+            self._sums.append((first, np.stack(sums, axis=1)))
 
     def finish(self) -> Means:
         """The means of all steps."""
-        length = max((first + len(sums) for first, sums in self._sums), default=0)
+        begin, parts = self._longest()
+        length = max((first + len(sums) for first, sums in parts), default=begin) - begin
         total = np.zeros((length, 7))
-        for first, sums in self._sums:
-            total[first : first + len(sums)] += sums
+        for first, sums in parts:
+            total[first - begin : first - begin + len(sums)] += sums
         # A step of which less than half was measured has no mean
         seconds = np.where(total[:, :1] > 0.5e-9 * STEP_NS, total[:, :1], np.nan)
-        return Means(self._start_ns, total[:, 1:4] / seconds, total[:, 4:] / seconds)
+        start_ns = self._start_ns + begin * STEP_NS
+        return Means(start_ns, total[:, 1:4] / seconds, total[:, 4:] / seconds)
+
+    def _longest(self) -> tuple[int, list[tuple[int, FloatArray]]]:
+        """Its first step, and the sums of the longest part."""
+        parts: list[tuple[int, list[tuple[int, FloatArray]]]] = [(0, [])]
+        end = 0
+        for first, sums in self._sums:
+            if first - end > LONGEST_GAP:
+                parts.append((first, []))
+            parts[-1][1].append((first, sums))
+            end = first + len(sums)
+        return max(parts, key=lambda part: sum(len(sums) for _, sums in part[1]))
 
 
 @dataclass(frozen=True)

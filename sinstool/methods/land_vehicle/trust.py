@@ -231,8 +231,8 @@ def _push(rows: _Rows, moving: BoolArray) -> tuple[float, float]:
     if size <= LEAST_TURN**2 * len(turn):
         return 0.0, np.inf
     share = float(turn @ push) / size
-    span = np.floor(rows.time[moving] / SPAN_S).astype(np.int64)
-    spans = len(np.unique(span))
+    _, span = np.unique(np.floor(rows.time[moving] / SPAN_S), return_inverse=True)
+    spans = int(span[-1]) + 1
     sums = np.bincount(span, weights=turn * (push - share * turn))
     few = np.sqrt(spans / (spans - 1.0)) if spans > 1 else np.inf
     return share, float(few * np.sqrt(sums @ sums)) / size

@@ -66,8 +66,8 @@ class HeightBesideGnss:
         known = np.isfinite(off)
         seconds, off = seconds[known], off[known]
         block = np.floor(seconds / BLOCK_S).astype(int)
-        many = np.bincount(block, minlength=1)
-        blocks = np.flatnonzero(many >= LEAST_FIXES)
+        all_blocks, many = np.unique(block, return_counts=True)
+        blocks = all_blocks[many >= LEAST_FIXES]
         if not len(blocks):
             return []
         differences = np.array([float(median(off[block == k])) for k in blocks])

@@ -8,7 +8,7 @@ import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.streams import Solution
-from sinstool.core.timeline import SECOND
+from sinstool.core.timeline import LONGEST_GAP_NS, SECOND
 from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.methods.height.lag import GRID_NS, height_lag
 from sinstool.methods.height.layout import ACCEPTED
@@ -56,6 +56,11 @@ class HeightLag:
         if f_up is None:
             f_up = upward_specific_force(solution.q_nb, solution.specific_force_b)
         times = solution.time_ns
+        before = int(times[0]) if self._last is None else self._last[0]
+        gaps = np.flatnonzero(np.diff(times, prepend=before) > LONGEST_GAP_NS)
+        if len(gaps):  # begin anew
+            times, f_up = times[gaps[-1] :], f_up[gaps[-1] :]
+            self._last, self._climb, self._known = None, [], []
         if self._last is not None and times[0] <= self._last[0]:
             return  # a filter that begins anew has solutions before that
         if self._last is None:

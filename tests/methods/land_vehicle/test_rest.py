@@ -10,6 +10,7 @@ from sinstool.methods.ins_gnss.constraints import STEP_NS
 from sinstool.methods.land_vehicle.rest import find_rests, noise_at_rest
 from sinstool.methods.land_vehicle.track import Means, MeansStage, Track, within
 from sinstool.methods.strapdown.velocity import Increments
+from tests.helpers.logs import memory_below
 
 STEP = STEP_NS * 1e-9
 
@@ -130,6 +131,25 @@ def test_means_are_those_of_the_increments():
     assert means.rate[3] == pytest.approx(phi[30:40].sum(axis=0) / 0.1)
     assert means.force[30] == pytest.approx(dv[300:310].sum(axis=0) / 0.1)
     assert np.isnan(means.rate[15:21]).all() and np.isfinite(means.rate[14]).all()
+
+
+@pytest.mark.parametrize("longer", [0, 1])
+def test_means_are_of_the_longest_part_between_gaps_of_years(longer):
+    """A clock that is set while recording makes such a gap."""
+    count = (300, 200) if longer == 0 else (200, 300)
+    interval = np.full(500, 0.01)
+    time_ns = np.round(np.cumsum(interval) * 1e9).astype(np.int64)
+    time_ns[count[0] :] += 10**18
+    phi, dv = np.random.default_rng(3).standard_normal((2, 500, 3))
+    stage = MeansStage(0)
+    with memory_below(2**22):
+        for part in np.array_split(np.arange(500), 3):
+            stage.push(Increments(part, time_ns[part], interval[part], phi[part], dv[part]))
+        means = stage.finish()
+    first = 0 if longer == 0 else count[0]
+    assert len(means) == 30 and np.isfinite(means.rate).all()
+    assert means.start_ns == (0 if longer == 0 else 10**18 + 2 * 10**9)
+    assert means.rate[0] == pytest.approx(phi[first : first + 10].sum(axis=0) / 0.1)
 
 
 def test_noise_at_rest_is_that_of_its_seconds():
