@@ -23,6 +23,8 @@ SHOWN_WITHIN = 60.0
 
 Adaptive = Literal["off", "sage-husa", "innovation"]
 Feedback = Literal["closed", "none"]
+# Correlation time of slow errors of positions, s, unless a log shows another
+USUAL_S = 200.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class GnssModel:
 
     position_white: Triple = (2.0, 2.0, 3.0)
     position_markov: Triple = (5.0, 5.0, 8.0)
-    position_time: float = 200.0
+    position_time: float = USUAL_S
     velocity_white: Triple = (0.05, 0.05, 0.08)
     velocity_markov: Triple = (0.1, 0.1, 0.15)
     velocity_time: float = 60.0
@@ -93,9 +95,9 @@ class GnssModel:
         north, east, down = self.position_markov
         return replace(self, position_markov=(level * north, level * east, vertical * down))
 
-    def lasting_longer(self, factor: float) -> GnssModel:
-        """The same receiver, the slow part of whose positions lasts so many times as long."""
-        return replace(self, position_time=factor * self.position_time)
+    def lasting(self, seconds: float) -> GnssModel:
+        """The same receiver, the slow part of whose positions lasts so long."""
+        return replace(self, position_time=seconds)
 
     def with_slow_velocity(self, level: float, vertical: float) -> GnssModel:
         """The same receiver, the slow part of whose velocities is so many times as large."""

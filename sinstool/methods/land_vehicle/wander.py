@@ -22,7 +22,7 @@ from sinstool.core.earth import horizontal_metres
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import GnssEpochs
 from sinstool.methods.ins_gnss.constraints import STEP_NS
-from sinstool.methods.ins_gnss.settings import GnssModel
+from sinstool.methods.ins_gnss.settings import USUAL_S, GnssModel
 
 # Receivers filter their fixes: over seconds their errors are smoother than those of a Markov
 # process, so only fixes further apart than this share of its correlation time are used, and of one
@@ -79,8 +79,9 @@ def find_wander(
     gnss : GnssEpochs
         Fixes that may be used, valid `latency_ns` before their stamps.
     model : GnssModel
-        Their noise in the filter.
+        Their noise in the filter, whose slow part is taken to last as long as usual.
     """
+    model = model.lasting(USUAL_S)
     gnss = gnss.rows(gnss.has_position)
     time_ns = gnss.time_ns - latency_ns
     parts = _at_rest(rests, start_ns, time_ns, SHARE_OF_TIME * model.position_time)

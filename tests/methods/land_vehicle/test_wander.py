@@ -66,6 +66,14 @@ def test_heights_that_wander_further_are_seen(seed):
     assert "in height" in str(wander) and "north" not in str(wander)
 
 
+def test_a_rest_shows_wander_however_long_the_errors_in_motion_last():
+    """A rest of minutes was too short for errors of an hour, so that none was found."""
+    *asked, model = _asked(0, (8.0, 8.0, 8.0))
+    wander = find_wander(*asked, model.lasting(3200.0))
+    assert wander == find_wander(*asked, model)
+    assert wander.level > 3.0
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_fixes_that_wander_a_hundred_times_as_far_are_seen_whole(seed):
     """At most 32 times were tried, and the rest turned a parked car by 5 deg about its antenna."""

@@ -300,6 +300,11 @@ class FilterStart:
             gnss_why=f"{self.gnss_why}; {why}" if why else self.gnss_why,
         )
 
+    def lasting(self, seconds: float) -> FilterStart:
+        """The same start with slow errors of positions that last so long."""
+        gnss = self.settings.gnss.lasting(seconds)
+        return replace(self, settings=replace(self.settings, gnss=gnss))
+
     def with_slow_velocity(self, level: float, vertical: float) -> FilterStart:
         """The same start with slow errors of velocities so many times as large, and its sigmas."""
         before = self.settings.gnss

@@ -147,9 +147,9 @@ def with_slow_errors(
         if best[:2] != NONE[:2]:
             break
         longer = _lasting(_with(judged, best), lambda one: _fit(increments, one, shaken)[0])
-        if longer == 1.0:
+        if longer == judged.settings.gnss.position_time:
             break
-        judged, start = _longer(judged, longer), _longer(start, longer)
+        judged, start = judged.lasting(longer), start.lasting(longer)
         fits.clear()
 
     def larger(way: Steps) -> list[float]:
@@ -188,25 +188,20 @@ def _beside_velocities(cost: Callable[[Steps], float], best: Steps) -> Steps:
 
 
 def _lasting(start: FilterStart, cost: Callable[[FilterStart], float]) -> float:
-    """How many times as long as those of a start slow errors of positions last.
+    """How long slow errors of positions last, s, by all innovations of a start with these.
 
     A receiver states how large they are. If they change by less within minutes, they last longer,
     and no filter averages them out.
     """
-    usual, times = start.settings.gnss.position_time, 1.0
+    lasts = start.settings.gnss.position_time
     first = least = cost(start)
-    while usual * times * STEP <= MOST_LASTING_S:
-        shown = cost(_longer(start, times * STEP))
+    longest = lasts
+    while longest * STEP <= MOST_LASTING_S:
+        shown = cost(start.lasting(longest * STEP))
         if shown >= least:
             break
-        times, least = times * STEP, shown
-    return times if least < first - LEAST_GAIN else 1.0
-
-
-def _longer(start: FilterStart, factor: float) -> FilterStart:
-    """A start with slow errors of positions that last so many times as long."""
-    settings = start.settings
-    return replace(start, settings=replace(settings, gnss=settings.gnss.lasting_longer(factor)))
+        longest, least = longest * STEP, shown
+    return longest if least < first - LEAST_GAIN else lasts
 
 
 def _search(cost: Callable[[Steps], float], best: Steps, ways: Sequence[Steps]) -> Steps:

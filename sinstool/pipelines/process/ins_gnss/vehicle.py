@@ -21,6 +21,7 @@ from sinstool.methods.ins_gnss.constraints import (
     VehicleEstimate,
 )
 from sinstool.methods.ins_gnss.filter import FilterSummary, InsGnssFilter
+from sinstool.methods.ins_gnss.settings import USUAL_S
 from sinstool.methods.ins_gnss.smoother import Smoother
 from sinstool.methods.ins_gnss.states import ATTITUDE, VELOCITY
 from sinstool.methods.land_vehicle.rest import Rests, find_rests, noise_at_rest
@@ -236,6 +237,8 @@ class FirstPass:
         wander = self.vehicle.wander
         if self.vehicle.constraints is None or wander.ordinary:
             return start
+        # A rest denies that they last longer than usual
+        start = start.lasting(USUAL_S)
         return start.with_slow_position(wander.level, wander.vertical, str(wander))
 
 
