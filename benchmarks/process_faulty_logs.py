@@ -56,7 +56,9 @@ EMITS = {
     "ins": "imu,attitude,euler,odometry,pose,fix,tf",
     "ins-gnss": "imu,attitude,euler,odometry,pose,fix,tf,height,diagnostics",
 }
-UNIT, ROUNDING_NS = 1e-12, 100
+UNIT = 1e-12
+# A step of years is known to some nanoseconds only
+ROUNDING_NS = 100
 # Of memory that a run may ask for: a grid over years would fill it
 MOST_BYTES = 6 * 2**30
 
@@ -364,7 +366,8 @@ def check(log: Path, out: Path, summary: dict[str, Any]) -> list[str]:
         if step_ns and finding["kind"] == "clock-step":
             stamps |= {t - step_ns for t in stamps} | {t + step_ns for t in stamps}
             logged |= {t - step_ns for t in logged} | {t + step_ns for t in logged}
-    even = any(finding["kind"] == "uneven-stamps" for finding in summary["findings"])
+    kinds = {finding["kind"] for finding in summary["findings"]}
+    even, rounding_ns = "uneven-stamps" in kinds, ROUNDING_NS * ("clock-step" in kinds)
     with out.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         known = reader.get_summary()
@@ -389,9 +392,9 @@ def check(log: Path, out: Path, summary: dict[str, Any]) -> list[str]:
                 wrong.append(f"{topic}: {np.sum(~(off <= UNIT))} orientations are none")
         if topic == "/sinstool/diagnostics":
             continue  # of epochs, not of samples
-        if not even and (invented := _far_from(own, stamps)):
+        if not even and (invented := _far_from(own, stamps, rounding_ns)):
             wrong.append(f"{topic}: {len(invented)} stamps are no IMU's, as {min(invented)}")
-        if invented := _far_from(at.tolist(), logged):
+        if invented := _far_from(at.tolist(), logged, rounding_ns):
             wrong.append(f"{topic}: {len(invented)} log times are no IMU's")
         if len(set(own)) < len(own):
             wrong.append(f"{topic}: stamps repeat")
@@ -400,12 +403,12 @@ def check(log: Path, out: Path, summary: dict[str, Any]) -> list[str]:
     return wrong
 
 
-def _far_from(times: list[int], known: set[int]) -> set[int]:
-    """Times that are none of these; a step of years is known to some nanoseconds only."""
+def _far_from(times: list[int], known: set[int], rounding_ns: int) -> set[int]:
+    """Times that are none of these."""
     ordered = np.array(sorted(known), np.int64)
     after = np.clip(np.searchsorted(ordered, times), 1, len(ordered) - 1)
     near = np.minimum(np.abs(ordered[after] - times), np.abs(ordered[after - 1] - times))
-    return set(np.array(times, np.int64)[near > ROUNDING_NS].tolist())
+    return set(np.array(times, np.int64)[near > rounding_ns].tolist())
 
 
 def one_run(sensors: Sensors, seed: int, number: int, folder: Path) -> tuple[str, str]:
