@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.trusted_navigation import process
 from sinstool.core.finding import Finding, Severity, exit_status
 from sinstool.pipelines.process.ins_gnss.contradictions import of_another_clock
 from tests.helpers.filter_logs import run, simulated
@@ -56,7 +57,7 @@ def test_a_wrong_clock_is_reported_once(tmp_path):
     assert "leave --gnss-clock-offset out" in told[0]["answer"]
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, 3])
 @pytest.mark.slow
 def test_gyros_that_no_noise_explains_are_said_to_be_wrong(tmp_path, seed):
     """An axis turned round: as a gyro of much noise it fits all innovations, and is off by much."""
@@ -67,6 +68,19 @@ def test_gyros_that_no_noise_explains_are_said_to_be_wrong(tmp_path, seed):
     wrong, _ = run(write(tmp_path / "wrong.mcap", turned))
     (told,) = [f for f in wrong["findings"] if f["severity"] == Severity.LOST.name.lower()]
     assert told["kind"] == "gyros-do-not-fit" and told["numbers"]["gyro_noise"] > 3.5
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+@pytest.mark.slow
+def test_a_pitch_gyro_turned_round_does_no_harm_on_a_level_road(tmp_path, seed):
+    """Where it hardly turns, its errors are those of a bare chip, and the sigmas say so."""
+    truth = drive(seed, 200.0, 10.0)
+    data = record(truth, GRADES["industrial"], seed)
+    turned = replace(data, gyro=data.gyro * [1.0, -1.0, 1.0])
+    answer, _, _ = process(write(tmp_path / "log.mcap", turned), truth, [])
+    assert answer is not None
+    late = answer.seconds > 40.0
+    assert np.all(np.sqrt(np.mean(np.square(answer.error / answer.sigma)[late], axis=0)) < 2.5)
 
 
 @pytest.mark.slow
