@@ -200,7 +200,7 @@ def _start_within(
     source: Source, config: ProcessConfig, like: FilterStart, first_ns: int, last_ns: int
 ) -> FilterStart | None:
     """A start with the settings of another, in a part of a log; None if that shows no attitude."""
-    valid_ns = like.used.time_ns - round(like.settings.gnss_latency * SECOND)
+    valid_ns = like.valid_ns
     fixes = like.used.rows((valid_ns >= first_ns) & (valid_ns <= last_ns))
     try:
         part = part_of(source, config, first_ns, last_ns + 1)
@@ -269,7 +269,7 @@ def start_after_gap(
     )
     following = [last_ns for last_ns, _ in _gaps(source, first.settings) if last_ns >= begin_ns]
     end_ns = min([*following, source.survey.last_ns])
-    valid_ns = first.gnss.time_ns - round(first.settings.gnss_latency * SECOND)
+    valid_ns = first.gnss.time_ns - first.late_ns
     try:
         part = part_of(source, config, begin_ns, begin_ns + SEARCHED_NS)
         if begin_ns <= planned.time_ns <= end_ns:
@@ -288,7 +288,7 @@ def start_after_gap(
         log_choice("start after a gap", f"none found: {exc}")
         return None
     log_choice("start after a gap", how)
-    later = first.gnss.time_ns - round(first.settings.gnss_latency * SECOND) >= time_ns
+    later = first.gnss.time_ns - first.late_ns >= time_ns
     return part, replace(
         first,
         start=start,

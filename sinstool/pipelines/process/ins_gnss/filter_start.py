@@ -257,9 +257,14 @@ class FilterStart:
         )
 
     @property
+    def late_ns(self) -> int:
+        """By how much fixes are stamped later than they are valid."""
+        return round(self.settings.gnss_latency * SECOND)
+
+    @property
     def valid_ns(self) -> IntArray:
         """When the epochs that are used are valid."""
-        return self.used.time_ns - round(self.settings.gnss_latency * SECOND)
+        return self.used.time_ns - self.late_ns
 
     def used_until(self, time_ns: int) -> GnssEpochs:
         """Epochs that are used and valid up to a time, for runs that end there."""
@@ -271,8 +276,8 @@ class FilterStart:
 
     def _until(self, fixes: GnssEpochs, time_ns: int) -> GnssEpochs:
         """Fixes that are valid up to a time."""
-        late = round(self.settings.gnss_latency * SECOND)
-        return fixes.rows(slice(0, int(np.searchsorted(fixes.time_ns, time_ns + late, "right"))))
+        last_ns = time_ns + self.late_ns
+        return fixes.rows(slice(0, int(np.searchsorted(fixes.time_ns, last_ns, "right"))))
 
     def with_slow_position(self, level: float, vertical: float, why: str) -> FilterStart:
         """The same start with larger slow errors of positions.

@@ -150,7 +150,7 @@ def without_false_start(
     if gnss is None or not len(rows):
         return None
     stamps = message_times(used, start.lag)[rows]
-    first = max(int(np.searchsorted(stamps, start.time_ns + _late(start), "right")) - 1, 0)
+    first = max(int(np.searchsorted(stamps, start.time_ns + start.late_ns, "right")) - 1, 0)
     squares, _ = _innovations(_from(source, config, algorithm, start), start, rows)
     for many in TRIED:
         before = _judged(squares, np.array([first + many]))[0]
@@ -193,7 +193,7 @@ def _carried_back(
     if back is None or back.position is None or back.covariance_position_n is None:
         return 0.0
     assert back.velocity_n is not None
-    at = np.searchsorted(back.time_ns, fixes.time_ns - _late(start))
+    at = np.searchsorted(back.time_ns, fixes.time_ns - start.late_ns)
     at = np.minimum(at, len(back.time_ns) - 1)
     lat, lon, height = back.position[at].T
     north, east = horizontal_metres(
@@ -232,11 +232,6 @@ def _unknown_arm(start: FilterStart) -> float:
     return 0.0 if any(start.settings.lever_arm_b) else ARM_USUAL_M
 
 
-def _late(start: FilterStart) -> int:
-    """By how much fixes are stamped later than they are valid, ns."""
-    return round(start.settings.gnss_latency * SECOND)
-
-
 def _from(
     source: Source,
     config: ProcessConfig,
@@ -246,7 +241,7 @@ def _from(
 ) -> list[Increments]:
     """Joined increments from a start on: of the whole log, or of its next fixes."""
     rows = np.flatnonzero(start.used.has_position)
-    valid_ns = start.used.time_ns[rows] - _late(start)
+    valid_ns = start.valid_ns[rows]
     first = int(np.searchsorted(valid_ns, start.time_ns, "right"))
     last = min(first + 1 + max(TRIED) + JUDGES, len(rows) - 1)
     end_ns = None if whole else max(int(valid_ns[last]), start.time_ns) + SECOND
@@ -274,7 +269,7 @@ def _innovations(
     for increments in parts:
         made.append(run.push(increments, waiting).gnss)
         waiting = None
-    valid_ns = start.used.time_ns - _late(start)
+    valid_ns = start.valid_ns
     squares, off = np.full(len(valid_ns), np.nan), np.full(len(valid_ns), np.nan)
     if not made:
         return squares[rows], off[rows]

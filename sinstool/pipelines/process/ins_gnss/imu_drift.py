@@ -161,7 +161,7 @@ def shaking(
     shown = _shown(source, config, algorithm, start)
     if shown is None:
         return None
-    late = round(start.settings.gnss_latency * SECOND)
+    late = start.late_ns
     made, fixes = source.samples.made, (start.gnss, start.withheld)
     key = "shaking", late, start.time_ns, *map(id, fixes)
     if key not in made:
@@ -389,7 +389,7 @@ class Drift:
     def _travels(self, begin_ns: np.ndarray, end_ns: np.ndarray, least_m: float) -> BoolArray:
         """Whether the vehicle moves by `least_m` plus the noise of the fixes between two times."""
         gnss = self._start.used
-        late = round(self._start.settings.gnss_latency * SECOND)
+        late = self._start.late_ns
         placed = np.flatnonzero(gnss.has_position)
         rows = [
             placed[np.clip(np.searchsorted(gnss.time_ns[placed] - late, time), 0, len(placed) - 1)]

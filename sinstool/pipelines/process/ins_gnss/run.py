@@ -186,9 +186,7 @@ class FilterRun(Mode):
 
     def _measure_by(self, start: FilterStart) -> None:
         """Score withheld fixes, and widen covariances, by latency and lever arm of this start."""
-        valid = replace(
-            start.gnss, time_ns=start.gnss.time_ns - round(start.settings.gnss_latency * SECOND)
-        )
+        valid = replace(start.gnss, time_ns=start.gnss.time_ns - start.late_ns)
         arm = start.settings.lever_arm_b
         self._score = Withheld(valid, start.withheld, arm)
         self._filtered = Withheld(valid, start.withheld, arm) if self._smooth else self._score

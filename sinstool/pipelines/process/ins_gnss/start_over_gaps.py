@@ -234,7 +234,7 @@ def _carried(
 
 def _after_fixes(start: FilterStart, time_ns: IntArray) -> IntArray:
     """The first update's end after each position, in order."""
-    late = round(start.settings.gnss_latency * SECOND)
+    late = start.late_ns
     valid = start.used.time_ns[start.used.has_position] - late
     row = np.searchsorted(time_ns, valid)
     inside = row < len(time_ns)

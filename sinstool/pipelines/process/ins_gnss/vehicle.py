@@ -304,7 +304,7 @@ def _constrained(
     means: Means,
     joined: list[Increments],
 ) -> VehicleAssumptions:
-    options, latency_ns = config.filter, round(start.settings.gnss_latency * SECOND)
+    options, latency_ns = config.filter, start.late_ns
     shaken = find_shaking(means, start.used, latency_ns).constraints(start.settings.imu)
     if options.vehicle == "none":
         return VehicleAssumptions(shaken)

@@ -13,7 +13,9 @@ from tests.helpers.unseen_drives import (
     LEVER,
     boat,
     drive,
+    flight,
     record,
+    sensor_errors,
     stated_velocities,
     write,
 )
@@ -84,6 +86,26 @@ def test_fixes_that_wander_far_are_not_taken_for_a_poor_imu(tmp_path, seed):
     start = started(tmp_path, seed, 16.0)
     assert_wandering(start, 16.0)
     assert start.grade.grade in ("tactical", "navigation")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seed", "sensors"),
+    [
+        (4, (0.365, 8.5, 0.277, 18.0, 1640.0, 1.6)),
+        (11, (0.004, 7.7, 0.077, 12.6, 198.0, 34.0)),
+        (24, (0.012, 3.4, 0.071, 414.0, 1344.0, 4.6)),
+    ],
+)
+def test_an_aircraft_that_is_buffeted_is_no_wander_of_its_fixes(tmp_path, seed, sensors):
+    """Its position sigmas were seven to nine times too wide: fits had joined too long updates."""
+    truth = flight(seed, 400.0, turbulent=True)
+    data = record(truth, sensor_errors(*sensors), seed, gnss_rate=5.0, sigma=0.02, sigma_v=0.1)
+    answer, status, _ = process(write(tmp_path / "log.mcap", data), truth, [])
+    assert answer is not None and status == 0
+    late = answer.seconds > 60.0
+    ratio = np.sqrt(np.mean(np.square(answer.error / answer.sigma)[late, :3]))
+    assert 0.4 < ratio < 1.6
 
 
 def assert_wandering(start, times):
