@@ -17,6 +17,7 @@ from sinstool.pipelines.process.ins_gnss.imu_drift import (
     LOOKS,
     Drift,
     WindowErrors,
+    shown_increments,
 )
 from sinstool.pipelines.process.ins_gnss.noise_factors import NoiseFactors
 from sinstool.pipelines.process.ins_gnss.start import timed_start
@@ -59,6 +60,25 @@ def drift_of(path, change=lambda settings: settings, **groups):
         start = timed_start(source, config, plan.algorithm, plan.filter_start)
         start = replace(start, settings=change(start.settings))
         return start, Drift(source, config, plan.algorithm, start)
+
+
+@pytest.mark.parametrize("latency", [0.0, 0.033])
+def test_updates_in_which_fixes_lie_are_not_joined(tmp_path, latency):
+    """Long updates hide how an antenna swings when a fix is valid."""
+    path = simulated(
+        tmp_path / "log.mcap", "drive", "--duration", "60", "--still", "20", "--seed", "3"
+    )
+    config = ProcessConfig(navigation={"mode": "ins-gnss"}, gnss={"gnss_latency": latency})
+    with open_log(path) as opened:
+        source = prepare(opened, config, None)
+        plan = make_plan(source, config)
+        shown = shown_increments(source, config, plan.algorithm, plan.filter_start)
+    valid_ns = plan.filter_start.valid_ns
+    valid_ns = valid_ns[(valid_ns > shown.time_ns[0]) & (valid_ns < shown.time_ns[-1])]
+    at = np.searchsorted(shown.time_ns, valid_ns)
+    alone = shown.interval[at] < 1.5e-9 * source.survey.interval_ns
+    assert len(at) > 100 and np.all(alone | (shown.time_ns[at] == valid_ns))
+    assert np.median(shown.interval) > 3e-9 * source.survey.interval_ns
 
 
 @pytest.fixture(scope="module")
