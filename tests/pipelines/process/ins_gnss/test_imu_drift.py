@@ -193,7 +193,7 @@ def test_windows_with_a_stop_that_shakes_do_not_count_where_enough_have_none(dri
     sigma = np.full((len(north), 3), 0.05)
     gnss = GnssEpochs(time_ns, time_ns, *place.T, np.full_like(sigma, np.nan), sigma, sigma)
     drift = Drift.__new__(Drift)
-    drift._start = SimpleNamespace(used=gnss, settings=SimpleNamespace(gnss_latency=0.0))
+    drift._start = SimpleNamespace(used=gnss, late_ns=0)
     drift._shaken = shaken
     begin = np.arange(0, 20 * (driven + 2), 20)
     moved = drift.moved_between(SimpleNamespace(time_ns=time_ns), begin, begin + 20)
