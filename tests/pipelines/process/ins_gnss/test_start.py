@@ -12,7 +12,7 @@ from sinstool.core.streams import GnssEpochs
 from sinstool.io.readers import open_log
 from sinstool.methods.alignment import in_motion
 from sinstool.pipelines.planning import make_plan
-from sinstool.pipelines.process.ins_gnss import initial_state, timing
+from sinstool.pipelines.process.ins_gnss import initial_state, white_noise
 from sinstool.survey.source import prepare
 from tests.helpers.filter_logs import simulated, start_of
 from tests.helpers.unseen_drives import CONSUMER, GRADES, LEVER, cruise, drive, record, write
@@ -25,7 +25,7 @@ def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatc
     data = record(drive(1, 400.0, 20.0), GRADES["tactical"], 1, gnss_rate=2.0, sigma=0.4)
     log = write(tmp_path / "log.mcap", wandering(data, 1, 1.6, 100.0))
     aligned, sought = [], []
-    in_flight, filter_run = initial_state.in_flight, timing.InsGnssFilter
+    in_flight, filter_run = initial_state.in_flight, white_noise.InsGnssFilter
 
     def aligning(source, config, method, shown, time_ns, later_ns, near):
         grade, latency = config.navigation.imu_grade, config.gnss.gnss_latency
@@ -38,7 +38,7 @@ def test_nothing_is_aligned_and_no_white_noise_sought_twice(tmp_path, monkeypatc
             sought.append((start.nav.tobytes(), settings))
 
     monkeypatch.setattr(initial_state, "in_flight", aligning)
-    monkeypatch.setattr(timing, "InsGnssFilter", Seeking)
+    monkeypatch.setattr(white_noise, "InsGnssFilter", Seeking)
     start = start_of(log, input={"gyro_kind": "mean-rate"}, gnss={"lever_arm": tuple(LEVER)})
     assert start.grade.by_drift
     assert len(aligned) == len(set(aligned)) > 0
