@@ -140,7 +140,7 @@ def shown_increments(
     if shown is None:
         return None
     made, fixes = source.samples.made, valid_ns[valid_ns <= shown.time_ns[-1]]
-    key = "joined", fixes.tobytes(), start.time_ns
+    key = "joined", fixes.tobytes(), start.time_ns, id(shown)
     if key not in made:
         made[key] = joined_updates(shown, JOINED_S, fixes)
     return cast("Increments", made[key])
@@ -163,7 +163,7 @@ def shaking(
         return None
     late = start.late_ns
     made, fixes = source.samples.made, (start.gnss, start.withheld)
-    key = "shaking", late, start.time_ns, *map(id, fixes)
+    key = "shaking", late, start.time_ns, *map(id, (shown, *fixes))
     if key not in made:
         stage = MeansStage(start.time_ns)
         stage.push(shown)
