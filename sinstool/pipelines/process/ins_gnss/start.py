@@ -171,11 +171,18 @@ def timed(
         aligned = first.alignment if first.placed else None
         found = find_start(source, here, timed, fixes, aligned, near=first.alignment)
         start = start_in_longest(source, config, replace(first.at(found), settings=timed))
-        start = with_likeliest(source, config, algorithm, start, start)
-        return with_noise(source, config, algorithm, start)
+        return likelier(start)[1]
 
-    first = with_likeliest(source, config, algorithm, first, first)
-    noisy = with_noise(source, config, algorithm, first)
+    def likelier(start: FilterStart) -> tuple[FilterStart, FilterStart]:
+        """The start with its likeliest attitude, without and with the noise of the fixes.
+
+        Attitudes are compared with that noise: with less, chance decides between them.
+        """
+        noisy = with_noise(source, config, algorithm, start)
+        best = with_likeliest(source, config, algorithm, start, noisy)
+        return best, noisy if best is start else with_noise(source, config, algorithm, best)
+
+    first, noisy = likelier(first)
     if noisy.noisier != first.noisier:
         # The start is one at fixes, and may use their speed
         first = noisy
