@@ -23,8 +23,8 @@ import numpy as np
 from sinstool.core import rotation
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.earth import earth_rate_n, gravity_n
+from sinstool.core.first_order import carry_over
 from sinstool.core.rotation import skew
-from sinstool.simulation.sensors import carry_over
 from sinstool.simulation.turntable import TableProfile
 
 IDEAL_AXIS = (-1.0 / np.sqrt(3.0),) * 3

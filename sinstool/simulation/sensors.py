@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from sinstool.core.arrays import ArrayLike, FloatArray, IntArray
-from sinstool.core.parts import njit
+from sinstool.core.first_order import carry_over
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.methods.sensor_errors import SensorGrade
 from sinstool.simulation.truth import ImuTruth, check_times
@@ -128,23 +128,6 @@ def markov(
         drive[0] /= np.sqrt(-np.expm1(-2.0 * step / correlation_time))
     carry_over(np.full(n, decay), drive)
     return np.asarray(drive)
-
-
-# scipy.signal.lfilter does the same, but takes longer to import than most logs to simulate.
-@njit(cache=True, nogil=True)
-def carry_over(decay: FloatArray, driven: FloatArray) -> None:
-    """First-order processes from their driving noise, ``x[k] = decay[k] x[k-1] + w[k]``.
-
-    Parameters
-    ----------
-    decay : ndarray, shape (n,)
-        The first is not used.
-    driven : ndarray, shape (n, columns)
-        `w`; `x` afterwards.
-    """
-    for k in range(1, driven.shape[0]):
-        for i in range(driven.shape[1]):
-            driven[k, i] += decay[k] * driven[k - 1, i]
 
 
 def idling(

@@ -16,9 +16,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.first_order import carry_over
 from sinstool.core.order_statistics import median, quantile
 from sinstool.core.timeline import SECOND
 
@@ -133,7 +133,9 @@ def _slowed(height: FloatArray) -> Iterator[FloatArray]:
     """The height as sensors of first order show it, one lag after the other; none is early."""
     for lag in _LAGS.tolist():
         keep = float(np.exp(-1.0 / lag)) if lag > 0 else 0.0
-        yield lfilter([1.0 - keep], [1.0, -keep], height - height[0])
+        slowed = (1.0 - keep) * (height - height[0])
+        carry_over(np.full(len(slowed), keep), slowed[:, None])
+        yield slowed
 
 
 def _costs(theirs: FloatArray, ours: Iterable[FloatArray]) -> FloatArray:

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from sinstool.simulation.sensors import carry_over
+from sinstool.core.first_order import carry_over
 
 
 def test_constant_decay_is_scipys_filter_to_the_bit():
