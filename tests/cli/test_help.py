@@ -60,12 +60,12 @@ def test_a_run_imports_only_what_it_uses(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_filter_runs_without_scipy(sinstool, tmp_path):
+@pytest.mark.parametrize("mode", [["ins-gnss", "--smooth"], ["ins", "--height-damping", "gnss"]])
+def test_a_navigation_runs_without_scipy(sinstool, tmp_path, mode):
     """Importing it takes longer than filtering ten minutes."""
     log, out = str(tmp_path / "drive.mcap"), str(tmp_path / "out.mcap")
     assert sinstool("simulate", "drive", "-o", log, "--duration", "200", "--rate", "50")[0] == 0
-    words = ["process", log, "-o", out, "--overwrite", "-q", "--mode", "ins-gnss", "--smooth"]
-    loaded = loaded_by(words)
+    loaded = loaded_by(["process", log, "-o", out, "--overwrite", "-q", "--mode", *mode])
     assert {"scipy", "numba"} & set(loaded) == set()
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.earth import normal_gravity
-from sinstool.core.parts import njit
+from sinstool.core.parts import kernel
 from sinstool.core.rotation import rotate
 from sinstool.methods.height import layout
 from sinstool.methods.height.channel import baro_sample, propagate, smooth_height
@@ -271,7 +271,7 @@ def _columns(out: FloatArray) -> HeightColumns:
     return HeightColumns(out[:, 0], out[:, 1], out[:, 2], out[:, 3] > 0.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _run(
     state: FloatArray,
     parameters: FloatArray,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sinstool.core import earth
-from sinstool.core.parts import njit
+from sinstool.core.parts import kernel
 from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Imu, Solution
 from sinstool.core.timeline import SECOND
@@ -205,6 +205,7 @@ class InsRun(SegmentRun):
         self._channel[layout.S_EVENTS] = 0.0
         self._next_height, ran_away = navigate(
             self._state,
+            np.empty(SIZE),
             self._channel,
             parameters,
             events,
@@ -247,9 +248,10 @@ class InsRun(SegmentRun):
         )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def navigate(  # type: ignore[no-untyped-def]
     state,
+    held,
     channel,
     parameters,
     events,
@@ -273,6 +275,8 @@ def navigate(  # type: ignore[no-untyped-def]
     ----------
     state : ndarray, shape (SIZE,)
         Advanced in place; see :func:`sinstool.methods.strapdown.navigation.initial_state`.
+    held : ndarray, shape (SIZE,)
+        Room for the state before an update.
     channel, parameters, events : ndarray
         Of the vertical channel; see :mod:`sinstool.methods.height.layout`.
     damped : bool
@@ -299,10 +303,10 @@ def navigate(  # type: ignore[no-untyped-def]
         The update at which the state left the Earth, or -1.
     """
     ran_away = -1
-    held = state.copy()
     for k in range(out.shape[0]):
         if not gone:
-            held[:] = state
+            for i in range(SIZE):
+                held[i] = state[i]
             before = state[V_DOWN]
             advance(state, phi, dv, dt, k, order)
             if damped:
@@ -331,7 +335,8 @@ def navigate(  # type: ignore[no-untyped-def]
             if not (abs(state[HEIGHT]) < MAX_HEIGHT_M and speed < MAX_SPEED_M_S):
                 ran_away = k
                 gone = True
-                state[:] = held
+                for i in range(SIZE):
+                    state[i] = held[i]
                 state[V_NORTH] = 0.0
                 state[V_EAST] = 0.0
                 state[V_DOWN] = 0.0

@@ -24,6 +24,7 @@ class Navigator:
         out = np.empty((len(dt), SIZE + 2))
         _, ran_away = navigate(
             self.state,
+            np.empty(SIZE),
             layout.new_state(),
             np.zeros(layout.PARAMETERS),
             layout.new_events(0),
