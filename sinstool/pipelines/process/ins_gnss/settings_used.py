@@ -13,6 +13,7 @@ from sinstool.core.finding import Finding, Severity
 from sinstool.core.units import DEGREE
 from sinstool.methods.ins_gnss.filter import FilterSummary
 from sinstool.methods.ins_gnss.offsets_error import OffsetsError
+from sinstool.methods.receiver_priors import ARM_USUAL_M
 from sinstool.pipelines.process.filter_used import LatencyUsed
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.receiver import USUAL_SIGMA_V
@@ -90,8 +91,9 @@ def notes(
     arm_sigma = np.sqrt(np.diag(moment)[1:])
     if start.arm_status == "found":
         findings.append(_arm_used(settings.lever_arm_b, arm_sigma))
-    elif start.arm_status == "open" and arm_sigma.max() > WORSE_THAN_FIXES * start.fix_sigma_m:
-        findings.append(_arm_open(arm_sigma))
+    elif start.arm_status == "open":
+        uncertain = arm_sigma.max() > WORSE_THAN_FIXES * start.fix_sigma_m
+        findings.append(_arm_open(arm_sigma) if uncertain else _arm_assumed())
     if start.offsets is not None:
         sigma, before = added.heading_added, added.heading_before
         findings += heading_open(moment, start.offsets.turned[2], sigma, before)
@@ -164,6 +166,18 @@ def _arm_open(sigma: np.ndarray) -> Finding:
             "right_m": float(sigma[1]),
             "down_m": float(sigma[2]),
         },
+    )
+
+
+def _arm_assumed() -> Finding:
+    """A lever arm that is neither given nor found, beside fixes that are not much better."""
+    return Finding(
+        "lever-arm-assumed",
+        "no lever arm is given, and the log does not show it: the antenna is taken to be within"
+        f" about {ARM_USUAL_M:.0f} m of the IMU, and the position of the IMU is off by as much more"
+        " as it is further away, on the mast of a ship, say",
+        Severity.NOTE,
+        "give --lever-arm",
     )
 
 

@@ -179,17 +179,19 @@ def test_an_antenna_that_somebody_said_is_at_the_imu_stays_there(tmp_path, road)
 
 
 @pytest.mark.slow
-def test_an_antenna_that_nothing_shows_is_anywhere_near_the_imu(tmp_path):
+@pytest.mark.parametrize(("sigma", "kind"), [(0.02, "uncertain"), (1.0, "assumed")])
+def test_an_antenna_that_nothing_shows_is_anywhere_near_the_imu(tmp_path, sigma, kind):
     truth = cruise(120.0)
-    log = logged(tmp_path, truth, 2, gnss_rate=4.0, sigma=0.02)
+    log = logged(tmp_path, truth, 2, gnss_rate=4.0, sigma=sigma)
     align = {"align": "fixed", "initial_attitude": (0.0, 0.05 * 180 / np.pi, 0.7 * 180 / np.pi)}
     result, solution = run(log, input=dict(KIND), align=align, gnss={"gnss_latency": 0.0})
     assert result["filter"]["lever_arm_m"] == [0.0, 0.0, 0.0]
-    assert "lever-arm-uncertain" in {f["kind"] for f in result["findings"]}
+    shown = {"lever-arm-uncertain", "lever-arm-assumed"}
+    assert shown & {f["kind"] for f in result["findings"]} == {f"lever-arm-{kind}"}
     variance = np.einsum("nii->n", solution.covariance_position_n[-1:]) / 3.0
-    assert 0.5 < np.sqrt(variance[0]) < 1.2
+    assert kind == "assumed" or 0.5 < np.sqrt(variance[0]) < 1.2
     told, _ = run(log, input=dict(KIND), align=align, gnss=given(0.0))
-    assert "lever-arm-uncertain" not in {f["kind"] for f in told["findings"]}
+    assert not shown & {f["kind"] for f in told["findings"]}
 
 
 @pytest.mark.slow
