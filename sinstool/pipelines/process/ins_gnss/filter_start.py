@@ -294,9 +294,9 @@ class FilterStart:
         """
         before = self.settings.gnss
         model = before.with_slow_position(level, vertical)
-        white, slow = before.position_white, model.position_markov
-        sigma = _with_slow(self.gnss.sigma_position_n, white, before.position_markov, slow)
-        covariance = _at_least(self.start.covariance_position_n, white, slow)
+        parts = before.position_white, before.position_markov, model.position_markov
+        sigma = np.sqrt(_with_slow(np.square(self.gnss.sigma_position_n), *parts))
+        covariance = _grown(self.start.covariance_position_n, *parts)
         return replace(
             self,
             settings=replace(self.settings, gnss=model),
@@ -314,9 +314,9 @@ class FilterStart:
         """The same start with slow errors of velocities so many times as large, and its sigmas."""
         before = self.settings.gnss
         model = before.with_slow_velocity(level, vertical)
-        white, slow = before.velocity_white, model.velocity_markov
-        sigma = _with_slow(self.gnss.sigma_velocity_n, white, before.velocity_markov, slow)
-        covariance = _at_least(self.start.covariance_velocity_n, white, slow)
+        parts = before.velocity_white, before.velocity_markov, model.velocity_markov
+        sigma = np.sqrt(_with_slow(np.square(self.gnss.sigma_velocity_n), *parts))
+        covariance = _grown(self.start.covariance_velocity_n, *parts)
         return replace(
             self,
             settings=replace(self.settings, gnss=model),
@@ -399,15 +399,18 @@ def measurements(p: FilterStart) -> dict[str, Any]:
     return columns
 
 
-def _with_slow(sigma: FloatArray, white: Triple, before: Triple, slow: Triple) -> FloatArray:
-    """Sigmas of fixes, shape (n, 3), with another slow part beside the same white one."""
-    ours, theirs = np.square(white), np.square(before)
-    square = np.square(sigma)
-    left = np.where(square >= ours + theirs, square - theirs, square * ours / (ours + theirs))
-    return np.asarray(np.sqrt(left + np.square(slow)))
+def _with_slow(square: FloatArray, white: Triple, before: Triple, slow: Triple) -> FloatArray:
+    """Variances, shape (n, 3) or (3,), with another slow part beside the same white one.
+
+    Of variances below those of the model, which a filter takes for white and slow in the proportion
+    of the model, both parts count as much less.
+    """
+    whole, other = (np.square(white) + np.square(part) for part in (before, slow))
+    return np.asarray(np.where(square >= whole, square + other - whole, square * other / whole))
 
 
-def _at_least(covariance: FloatArray, white: Triple, slow: Triple) -> FloatArray:
-    """Covariance of a start, which is no more certain than a fix."""
-    least = np.square(white) + np.square(slow)
-    return np.asarray(covariance + np.diag(np.maximum(least - np.diagonal(covariance), 0.0)))
+def _grown(covariance: FloatArray, white: Triple, before: Triple, slow: Triple) -> FloatArray:
+    """Covariance of a start with a larger slow part; a smaller one leaves it alone."""
+    square = np.diagonal(covariance)
+    more = _with_slow(square, white, before, slow) - square
+    return np.asarray(covariance + np.diag(np.maximum(more, 0.0)))

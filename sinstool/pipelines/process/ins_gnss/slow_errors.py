@@ -88,7 +88,10 @@ def with_expected_slow_errors(start: FilterStart) -> FilterStart:
 
 
 def as_stated(start: FilterStart) -> FilterStart:
-    """A start with slow errors as large as they follow from what the receiver states."""
+    """A start with slow errors as large as they follow from what the receiver states.
+
+    Its own state, which was that of fixes with larger ones, stays as uncertain as it is.
+    """
     (level, vertical), (level_v, vertical_v) = start.slow_errors, start.slow_velocity
     smaller = start.with_slow_position(1.0 / level, 1.0 / vertical, "")
     smaller = smaller.with_slow_velocity(1.0 / level_v, 1.0 / vertical_v)

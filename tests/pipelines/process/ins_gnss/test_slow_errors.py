@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 
 from benchmarks.trusted_navigation import process
-from sinstool.pipelines.process.ins_gnss.slow_errors import expected_factors
+from sinstool.core.streams import GnssEpochs
+from sinstool.methods.ins_gnss.settings import GnssModel, Settings
+from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
+from sinstool.pipelines.process.ins_gnss.slow_errors import as_stated, expected_factors
+from sinstool.survey.grade import ImuGrade
 from tests.helpers.filter_logs import start_of
+from tests.helpers.filter_start import start as first_state
 from tests.helpers.unseen_drives import (
     GRADES,
     LEVER,
@@ -235,3 +240,49 @@ def test_errors_beyond_all_that_the_receiver_states_are_not_expected():
     assert expected_factors(slow, white, costs) == (1.0, 1.0, 1.0)
     costs[3] -= 20.0
     assert expected_factors(slow, white, costs) == pytest.approx((8.0, 8.0, 8.0), rel=0.01)
+
+
+def with_fixes(model, position, velocity):
+    """A start with fixes of these sigmas, each the same on all axes."""
+    count = len(position)
+    zeros, axes = np.zeros(count), np.ones(3)
+    fixes = GnssEpochs(
+        np.arange(count) * 10**9,
+        np.arange(count) * 10**9,
+        zeros,
+        zeros,
+        zeros,
+        np.zeros((count, 3)),
+        np.outer(position, axes),
+        np.outer(velocity, axes),
+    )
+    return FilterStart(
+        Settings(gnss=model), first_state(0.0, 0.0, 0.0, np.zeros(3), (1.0, 0.0, 0.0, 0.0), 1, 1, 1),
+        0, "", None, fixes, np.zeros(count, dtype=bool), None, None, "given", 0.0,
+        ImuGrade("mems", ""), "", (),
+    )  # fmt: skip
+
+
+def white_part(start):
+    """White sigmas of the fixes, of positions and velocities, as a filter with slow states has."""
+    model, made = start.settings.gnss, []
+    for kind in ("position", "velocity"):
+        white, slow = (np.square(getattr(model, f"{kind}_{part}")) for part in ("white", "markov"))
+        square = np.square(getattr(start.gnss, f"sigma_{kind}_n"))
+        usual = square >= white + slow
+        made.append(np.where(usual, square - slow, square * white / (white + slow)))
+    return np.sqrt(made)
+
+
+@pytest.mark.parametrize("times", [(1.0, 1.0), (4.0, 2.0), (1.0, 16.0)])
+def test_larger_slow_errors_leave_the_white_noise_of_good_fixes_alone(times):
+    """The sigmas of fixes that are stated better than usual grew, also with factors of 1."""
+    rng = np.random.default_rng(1)
+    model = GnssModel((0.3, 0.3, 0.5), (0.4, 0.4, 0.6), 200.0, (0.1, 0.1, 0.2), (0.2, 0.2, 0.1))
+    position, velocity = rng.uniform(0.05, 2.0, 50), rng.uniform(0.02, 1.0, 50)
+    start = with_fixes(model, position, velocity)
+    larger = start.with_slow_position(*times, "").with_slow_velocity(*times)
+    np.testing.assert_allclose(white_part(larger), white_part(start), rtol=1e-9)
+    back = as_stated(replace(larger, slow_errors=times, slow_velocity=times))
+    np.testing.assert_allclose(back.gnss.sigma_position_n, start.gnss.sigma_position_n, rtol=1e-9)
+    np.testing.assert_allclose(back.gnss.sigma_velocity_n, start.gnss.sigma_velocity_n, rtol=1e-9)
