@@ -184,7 +184,7 @@ def _by_fixes(
     run = _navigated(place, guess, alignment, settings, source, int(after_ns[later[-1]]))
     arm_b = np.array(config.gnss.lever_arm or (0.0, 0.0, 0.0))
     seconds = after_ns[later] / SECOND
-    place_off, velocity_off = _off(fixes.rows(later), seconds, run, arm_b)
+    place_off, velocity_off = errors_at_fixes(fixes.rows(later), seconds, run, arm_b)
     change = np.zeros(3)
     if velocity is not None:
         off = _middle(place_off)
@@ -220,7 +220,7 @@ def _navigated(
     return concatenate(pieces)
 
 
-def _off(
+def errors_at_fixes(
     fixes: GnssEpochs, seconds: FloatArray, run: Solution, arm_b: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """By how much a navigation is off: position, m, and velocity, m/s, shape (n, 3), NED.
@@ -235,9 +235,10 @@ def _off(
     k = np.clip(np.searchsorted(t, seconds), 0, len(t) - 1)
     arm = rotate(run.q_nb[k], np.broadcast_to(arm_b, (len(k), 3)))
     swing = rotate(run.q_nb[k], np.cross(run.omega_ib_b[k], arm_b))
+    place = run.position.copy()
+    place[:, 1] = np.unwrap(place[:, 1])
     latitude, longitude, height, *velocity = (
-        np.interp(seconds, t, column)
-        for column in (*np.unwrap(run.position, axis=0).T, *run.velocity_n.T)
+        np.interp(seconds, t, column) for column in (*place.T, *run.velocity_n.T)
     )
     north, east = horizontal_metres(
         fixes.latitude - latitude, wrapped(fixes.longitude - longitude), latitude, height

@@ -8,6 +8,8 @@ from click.testing import CliRunner
 
 from benchmarks.trusted_navigation import read_back
 from sinstool.cli.main import cli
+from sinstool.core.streams import GnssEpochs, Solution
+from sinstool.pipelines.process.ins_start import errors_at_fixes
 from tests.helpers.unseen_drives import GRADES, LEVER, drive, record, without_fixes, write
 
 OPTIONS = (
@@ -70,3 +72,19 @@ def test_a_vehicle_stays_where_it_rests_with_an_attitude_of_motion(tmp_path):
     answer = read_back(out, truth)
     error = np.abs(answer.error[np.searchsorted(answer.seconds, 60.0)])
     assert error[:3].max() < 0.5 and error[3:6].max() < 0.1
+
+
+def test_a_fast_climb_is_no_error_of_height():
+    """More than 3 m from one update to the next was taken for a turn of the height."""
+    seconds, up = 0.1 * np.arange(21), 80.0
+    time_ns, zeros = np.rint(1e9 * seconds).astype(np.int64), np.zeros((21, 3))
+    place = np.stack([np.full(21, 0.8), np.full(21, -0.3), 100.0 + up * seconds], axis=1)
+    velocity, level = np.tile([0.0, 0.0, -up], (21, 1)), np.tile([1.0, 0.0, 0.0, 0.0], (21, 1))
+    run = Solution(time_ns, time_ns, level, zeros, zeros, position=place, velocity_n=velocity)
+    rows = slice(5, None, 5)
+    fixes = GnssEpochs(
+        time_ns[rows], time_ns[rows], *place[rows].T, velocity[rows], zeros[rows], zeros[rows]
+    )
+    place_off, velocity_off = errors_at_fixes(fixes, seconds[rows], run, np.zeros(3))
+    np.testing.assert_allclose(place_off, 0.0, atol=1e-6)
+    np.testing.assert_allclose(velocity_off, 0.0, atol=1e-6)

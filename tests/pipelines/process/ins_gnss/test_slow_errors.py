@@ -257,7 +257,8 @@ def with_fixes(model, position, velocity):
         np.outer(velocity, axes),
     )
     return FilterStart(
-        Settings(gnss=model), first_state(0.0, 0.0, 0.0, np.zeros(3), (1.0, 0.0, 0.0, 0.0), 1, 1, 1),
+        Settings(gnss=model),
+        first_state(0.0, 0.0, 0.0, np.zeros(3), (1.0, 0.0, 0.0, 0.0), 1, 1, 1),
         0, "", None, fixes, np.zeros(count, dtype=bool), None, None, "given", 0.0,
         ImuGrade("mems", ""), "", (),
     )  # fmt: skip
