@@ -48,7 +48,7 @@ def check_degrees(log: Log, topic: str, fixes: Gnss, velocity: Velocity | None) 
         )
         # the leap of one bad fix is no way that was covered
         way = np.hypot(north, east)
-        covered = float(np.sum(np.minimum(way, 10.0 * max(travelled / len(way), 1.0))))
+        covered = float(np.sum(np.minimum(way, 10.0 * max(travelled / max(len(way), 1), 1.0))))
         if travelled > 20.0 and covered > 0.25 * travelled:
             return
     raise DataError(

@@ -215,6 +215,9 @@ def test_radians_are_refused_unless_configured(tmp_path):
     assert np.degrees(into.gnss.latitude[0]) == pytest.approx(0.5)
     with pytest.raises(DataError, match="radians"):
         gnss(tmp_path, messages + velocity)
+    # one fix covers no distance: a traceback came out
+    with pytest.raises(DataError, match="radians"):
+        gnss(tmp_path, messages[:1] + velocity)
 
 
 def test_a_first_fix_after_the_start_is_read_in_its_unit(tmp_path):
