@@ -19,6 +19,7 @@ from sinstool.core.earth import horizontal_metres
 from sinstool.core.errors import UnsupportedLogError
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.order_statistics import median
+from sinstool.core.rotation import wrapped
 from sinstool.core.streams import Gnss, Stream, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import STANDARD_GRAVITY
@@ -319,7 +320,9 @@ def _too_near(fixes: Gnss, row: int, leap_s: float) -> bool:
     """Whether two fixes are too near for the time between their stamps, and not without a leap."""
     seconds = (fixes.time_ns - fixes.time_ns[row]) / SECOND
     here = fixes.latitude[row], fixes.longitude[row]
-    north, east = horizontal_metres(fixes.latitude - here[0], fixes.longitude - here[1], here[0])
+    north, east = horizontal_metres(
+        fixes.latitude - here[0], wrapped(fixes.longitude - here[1]), here[0]
+    )
     way = north + 1j * east
     took, gone = -float(seconds[row - 1]), way[row] - way[row - 1]
     first = min(int(np.searchsorted(seconds, -took - BESIDE_S)), row - LEAST_BESIDE)

@@ -128,6 +128,7 @@ def run(
         if gap > model.max_gap and gap > 0.5 * dt + ROUNDING:
             instants.record(m, events, layout.E_GAP_RESTART, gap)
             _carry_over(m, model, gap)
+            motion.begin(m, dt, phi[k], dv[k], followed[k])
             while fix_next < len(fix_time) and fix_time[fix_next] < begin - dt:
                 # Fixes within the gap do not show where the vehicle is after it
                 diagnoses[fix_next, layout.D_ROWS] = 0.0

@@ -18,7 +18,7 @@ BESIDE = 0.5  # s, of the motion beside a gap that is longer than such a step
 
 @part()
 def begin(m: Memory, dt: float, phi: FloatArray, dv: FloatArray, followed: FloatArray) -> None:
-    """Know no motion but that of the first update."""
+    """Know no motion but that of an update, the first or the first after a long gap."""
     for i in range(3):
         m.rate[i] = phi[i] / dt
         m.swing[i] = followed[i]

@@ -138,7 +138,8 @@ def find_rests(means: Means, track: Track) -> Rests:
     # The fixes may overrule the IMU: a smooth road
     quiet &= ~(shown & (speed > STANDS + 3.0 * sigma))
     rest = ~within(~quiet, CUT_BEGIN, half + CUT_END)
-    rest &= ~_near_ends(len(rest), quiet)
+    # What the vehicle does behind the end of the log is unknown
+    rest[max(len(rest) - CUT_END - half, 0) :] = False
     even = _turn_evenly(means, rest)
     rest &= ~even
     stands &= ~even
@@ -196,13 +197,6 @@ def _turning(track: Track) -> FloatArray:
     change = np.linalg.norm((dcm[after] - dcm[before]).reshape(-1, 9), axis=1) / np.sqrt(8.0)
     angle = 2.0 * np.arcsin(np.minimum(change, 1.0))
     return np.asarray(angle / ((time_ns[after] - time_ns[before]) * 1e-9))
-
-
-def _near_ends(length: int, quiet: BoolArray) -> BoolArray:
-    """Steps next to the log's end, beyond which the motion is unknown."""
-    ends = np.zeros(length, bool)
-    ends[max(length - CUT_END - WINDOW // 2, 0) :] = True
-    return ends
 
 
 def _spread(values: FloatArray) -> FloatArray:

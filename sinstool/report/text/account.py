@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sinstool.pipelines.plan import Plan
     from sinstool.pipelines.process import filter_used, summary
     from sinstool.pipelines.process.result import ProcessResult
     from sinstool.pipelines.process.travel import Accuracy, Travel
@@ -147,7 +146,7 @@ def _assumptions(result: ProcessResult) -> str:
         f"gyro samples {plan.gyro_samples.value}, {plan.gyro_samples.reason}",
         f"IMU grade {plan.imu_grade.value}, {plan.imu_grade.reason}",
     ]
-    return "Assumed and chosen: " + "; ".join([*parts, *_vehicle(plan, result.filter)]) + "."
+    return "Assumed and chosen: " + "; ".join([*parts, *_vehicle(result.filter)]) + "."
 
 
 def _first(result: ProcessResult) -> str:
@@ -156,7 +155,7 @@ def _first(result: ProcessResult) -> str:
     return choice.reason.removeprefix(f"attitude by {choice.value} ")
 
 
-def _vehicle(plan: Plan, used: filter_used.FilterUsed | None) -> list[str]:
+def _vehicle(used: filter_used.FilterUsed | None) -> list[str]:
     if used is None:
         return []
     vehicle = used.vehicle

@@ -95,3 +95,27 @@ def test_a_turn_about_another_axis_makes_heading_uncertain_without_states_for_th
     spread = np.sqrt(np.mean(np.square(errors), axis=0))
     assert spread[2] > 0.5 * MISALIGNED and 0.75 < sigma[2] / spread[2] < 1.8
     assert sigma[1] < 0.1 * MISALIGNED and spread[1] < 0.05 * MISALIGNED
+
+
+@pytest.mark.parametrize("step", [0.05, 0.4])
+def test_the_antenna_does_not_swing_on_after_a_gap_that_is_too_long_to_bridge(step):
+    """A fix of the first update after it was compared with the rate from before the gap."""
+    n, gap, swing = round(10.0 / step), 8.0, 1.0
+    k = np.arange(2 * n)
+    seconds = step * (k + 1) + np.where(k < n, 0.0, gap)
+    heading = swing * step * np.minimum(np.arange(2 * n + 1), n)
+    q = rotation.exp(heading[:, None] * [0.0, 0.0, 1.0])
+    c_bn = np.swapaxes(rotation.to_dcm(q), 1, 2)
+    turn = np.diff(heading)[:, None] * [0.0, 0.0, 1.0]
+    turn += step * c_bn[:-1] @ earth.earth_rate_n(LATITUDE)
+    gain = -step * c_bn[:-1] @ earth.gravity_n(LATITUDE, 100.0)
+    time_ns = np.rint(1e9 * seconds).astype(np.int64)
+    motion = Increments(k, time_ns, np.full(2 * n, step), turn, gain)
+    at = time_ns[[n]] - round(0.8e9 * step)
+    unknown, still = np.full((1, 3), np.nan), np.zeros((1, 3))
+    no_place = np.full(1, np.nan)
+    fix = GnssEpochs(at, at, no_place, no_place, no_place, still, unknown, unknown)
+    settings = for_grade("tactical", filter="plain-15", network=None, lever_arm_b=(2.0, 0.0, 0.0))
+    begin = start(LATITUDE, 0.0, 100.0, np.zeros(3), rotation.exp(np.zeros(3)), 0.1, 0.01, FIRST)
+    epoch = InsGnssFilter(begin, settings, with_baro=False).push(motion, fix).gnss
+    np.testing.assert_allclose(epoch.innovation[0, 3:], 0.0, atol=0.01)

@@ -82,7 +82,7 @@ def timed_start(
     """
     start = start or timed(source, config, algorithm, first)
     if config.navigation.imu_grade == "auto":
-        first, start = _fitted(source, config, algorithm, first, start)
+        first, start = with_fitting_grade(source, config, algorithm, first, start)
         start = drifting(source, config, algorithm, first, start)
         # With a poor IMU the slow errors of fixes do not show, and drift with one that is too good
         # looks like them: once more with the sensors that the drift shows
@@ -243,7 +243,7 @@ def _wandering(
     return replace(found, settings=replace(found.settings, imu=stated))
 
 
-def _fitted(
+def with_fitting_grade(
     source: Source,
     config: ProcessConfig,
     algorithm: ConingAlgorithm,
@@ -259,28 +259,26 @@ def _fitted(
     first, start : FilterStart
         Both with that grade.
     """
-    shown = fit(source, config, algorithm, start.by_the_fixes)
-    # Errors of the IMU may have been taken for slow errors of fixes: the likelier ones are kept
-    while shown is not None and (shown.doubted or max(start.slow_errors) > 1.0):
-        worse = next_worse(start.grade.grade)
-        if worse is None:
-            break
+    shown, grade = fit(source, config, algorithm, start.by_the_fixes), next_worse(start.grade.grade)
+    # Errors of the IMU may have been taken for slow errors of fixes: the likelier ones are kept. A
+    # filter that diverges is about as unlikely with slightly worse sensors: all grades are tried
+    while (
+        grade is not None and shown is not None and (shown.doubted or max(start.slow_errors) > 1.0)
+    ):
         why = f"fits the innovations clearly better than {start.grade.grade}"
         if shown.doubted:
             why = (
                 f"with {start.grade.grade} squared innovations are {shown.square:.2g} times as"
                 " large as expected"
             )
-        try:
-            begun = begun_as(source, config, first, ImuGrade(worse, why), start.lag)
-        except AlignmentError:
-            break
-        other = timed(source, config, algorithm, begun)
-        fits = fit(source, config, algorithm, other.by_the_fixes)
-        if fits is None or not shown.worse_than(fits):
-            break
-        log_choice("IMU grade", f"{worse}, {why}")
-        first, start, shown = begun, other, fits
+        with suppress(AlignmentError):
+            begun = begun_as(source, config, first, ImuGrade(grade, why), start.lag)
+            other = timed(source, config, algorithm, begun)
+            fits = fit(source, config, algorithm, other.by_the_fixes)
+            if fits is not None and shown.worse_than(fits):
+                log_choice("IMU grade", f"{grade}, {why}")
+                first, start, shown = begun, other, fits
+        grade = next_worse(grade)
     return first, start
 
 

@@ -83,6 +83,38 @@ def test_innovations_refute_the_grade_of_a_rest(tmp_path):
     assert "clearly better than tactical" in start.grade.why
 
 
+@pytest.mark.parametrize(
+    ("costs", "grade"),
+    [
+        # From navigation grade on, as an aircraft showed it
+        ((-6642.0, -6644.0, -10427.0, -10211.0, -10078.0), "industrial"),
+        ((-6642.0, -6600.0, -6500.0, -10211.0, -10230.0), "consumer"),
+        ((-6642.0, None, -6640.0, -6644.0, -6647.0), "navigation"),
+    ],
+)
+def test_grades_beyond_one_that_fits_as_badly_are_tried(monkeypatch, costs, grade):
+    """The search ended at tactical grade, and the fixes seemed to wander by 128 times as much."""
+    names = ("navigation", "tactical", "industrial", "mems", "consumer")
+    fits = {
+        name: cost and Fit(1.4, cost / 1000, 1000) for name, cost in zip(names, costs, strict=True)
+    }
+
+    def begun(source, config, first, grade, lag):
+        return SimpleNamespace(grade=grade, lag=lag, slow_errors=(128.0, 32.0))
+
+    def timed(source, config, algorithm, begun):
+        if fits[begun.grade.grade] is None:
+            raise AlignmentError("no start")
+        return SimpleNamespace(**vars(begun), by_the_fixes=begun.grade.grade)
+
+    monkeypatch.setattr(start, "begun_as", begun)
+    monkeypatch.setattr(start, "timed", timed)
+    monkeypatch.setattr(start, "fit", lambda source, config, algorithm, name: fits[name])
+    first = begun(None, None, None, ImuGrade("navigation", ""), 0.0)
+    found = start.with_fitting_grade(None, None, None, first, timed(None, None, None, first))
+    assert [one.grade.grade for one in found] == [grade, grade]
+
+
 def idling(path, grade, seed):
     """Drive in a car whose engine shakes sensors at each rest, which have noise and biases."""
     return simulated(
