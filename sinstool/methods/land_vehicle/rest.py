@@ -23,6 +23,9 @@ WINDOW = 10
 STANDS, MOVES, UNSURE = 0.1, 1.0, 0.3
 # Least number of windows of standing, or of moving.
 LEAST_WINDOWS = 20
+# Where a track moves by so many times as fast as at half of the rests, it moves: what wanders there
+# is the receiver. Beside such a place it moves where that is certain by so many sigmas.
+CREEPS, CREEPS_SIGMAS = 5.0, 3.0
 # A body that turns faster, rad/s, over this time, s, does not stand: ten sigmas of what a rest
 # allows.
 TURNS, TURNING_NS = 10.0 * REST_RATE, 1_000_000_000
@@ -140,12 +143,28 @@ def find_rests(means: Means, track: Track) -> Rests:
     rest = ~within(~quiet, CUT_BEGIN, half + CUT_END)
     # What the vehicle does behind the end of the log is unknown
     rest[max(len(rest) - CUT_END - half, 0) :] = False
-    even = _turn_evenly(means, rest)
-    rest &= ~even
-    stands &= ~even
+    moved = _creep(rest & shown, speed, sigma)
+    moved |= _turn_evenly(means, rest & ~moved)
+    rest &= ~moved
+    stands &= ~moved
     stands &= rest | _shakes(means, rest)
     gyro, accel = thresholds.tolist()
     return Rests(rest, rest & shown, stands, gyro, accel, reason)
+
+
+def _creep(rest: BoolArray, speed: FloatArray, sigma: FloatArray) -> BoolArray:
+    """Where a body moves so slowly and evenly that it feels like rest, as the jib of a crane.
+
+    At rest a receiver wanders, so half of the rests show how fast a track is there.
+    """
+    if not rest.any():
+        return rest
+    usual = float(np.median(speed[rest]))
+    with np.errstate(invalid="ignore"):
+        surely = rest & (speed > min(CREEPS * usual, STANDS) + CREEPS_SIGMAS * sigma)
+        likely = rest & (speed > usual + CREEPS_SIGMAS * sigma)
+    part = np.cumsum(np.diff(likely.astype(np.int8), prepend=0) == 1)
+    return np.asarray(likely & np.isin(part, part[surely]))
 
 
 def _turn_evenly(means: Means, rest: BoolArray) -> BoolArray:

@@ -100,6 +100,23 @@ def test_biases_of_a_chip_that_warms_up_are_no_turns():
         assert find_rests(means, track).at[speed == 0.0].mean() > 0.7
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_what_creeps_on_evenly_does_not_rest(seed):
+    """A jib that rises by 4 cm/s beside RTK fixes: they seemed to wander by half a metre."""
+    means, track, speed = a_drive(seed, idle=1e-3, sigma=0.003)
+    minute, second = np.divmod(np.arange(len(speed)) * STEP, 60.0)
+    ramp = np.clip(np.minimum(second - 40.0, 58.0 - second) / 4.0, 0.0, 1.0)
+    creep = np.where(np.isin(minute, [1, 4]), 0.04 * ramp, 0.0)
+    velocity = track.velocity_n + np.outer(creep[::10], [0.0, 0.0, 1.0])
+    rest = find_rests(means, replace(track, velocity_n=velocity)).at
+    assert not rest[creep > 0.02].any()
+    assert rest[(speed == 0.0) & (creep == 0.0)].mean() > 0.7
+    # A receiver that wanders at every rest does not move the vehicle
+    wander = 0.04 * np.sin(0.2 * STEP * np.arange(len(speed)))
+    velocity = track.velocity_n + np.outer(wander[::10], [1.0, 0.0, 0.0])
+    assert find_rests(means, replace(track, velocity_n=velocity)).at[speed == 0.0].mean() > 0.7
+
+
 def test_fixes_that_move_overrule_a_smooth_road():
     means, track, speed = a_drive()
     smooth = means.rate.copy(), means.force.copy()
