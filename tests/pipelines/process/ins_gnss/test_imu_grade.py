@@ -115,6 +115,22 @@ def test_grades_beyond_one_that_fits_as_badly_are_tried(monkeypatch, costs, grad
     assert [one.grade.grade for one in found] == [grade, grade]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 5])
+def test_gyros_that_are_quiet_but_badly_calibrated_in_flight(tmp_path, seed):
+    """They were taken for navigation grade: 10 to 32 m and 2 to 5 deg of heading off, status 3."""
+    truth = flight(seed, 300.0)
+    sensors = sensor_errors(0.003, 100.0, 0.01, 3000.0, 2000.0, 1.0)
+    data = record(truth, sensors, seed, gnss_rate=2.0, sigma=0.3, sigma_v=0.05)
+    answer, status, _ = process(write(tmp_path / "log.mcap", data), truth, [])
+    assert answer is not None and status == 0
+    late = answer.seconds > 60.0
+    metres = np.linalg.norm(answer.error[late, :3], axis=1)
+    assert np.sqrt(np.mean(np.square(metres))) < 1.0
+    ratio = answer.error[late] / answer.sigma[late]
+    assert np.sqrt(np.mean(np.square(ratio), axis=0)).max() < 2.0
+
+
 def idling(path, grade, seed):
     """Drive in a car whose engine shakes sensors at each rest, which have noise and biases."""
     return simulated(
