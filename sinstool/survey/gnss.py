@@ -28,6 +28,7 @@ from sinstool.survey.aiding import AidingData, in_order, only, until
 from sinstool.survey.epochs import join, partners
 from sinstool.survey.even_fixes import at_even_times
 from sinstool.survey.fix_units import check_degrees, check_range, with_rounding
+from sinstool.survey.flat_fixes import without_flat, without_held
 from sinstool.survey.interpolated import interpolated, on_lines
 from sinstool.survey.stuck import sent_again, stale_velocities, stuck_fixes, stuck_velocities
 from sinstool.survey.velocity import Agreement, agreement, odd_frame, usual_noise
@@ -36,8 +37,6 @@ S = TypeVar("S", bound=Stream)
 
 # Of the seconds of the receiver that has the most: one with fewer is no choice.
 NEARLY_ALL = 0.8
-# A velocity whose down part is exactly zero, while height moves by this, has none.
-FLAT_HEIGHT_M = 5.0
 # Beyond what any vehicle with an IMU on Earth does, though not beyond what damaged bytes say.
 FASTEST_M_S = 2e4
 # The kinds of finding about a velocity that is none over ground: left out, or used as configured.
@@ -98,9 +97,11 @@ def read_gnss(
             why = "the only one of its type" if number == 1 else "the best of its type"
             log_choice(use, f"{one}, {why}")
     if fixes is not None and velocity is not None:
-        velocity, more = _without_flat(fixes, velocity, chosen.topic)
+        velocity, more = without_flat(fixes, velocity, chosen.topic)
         findings += more
     if fixes is not None:
+        fixes, velocity, more = without_held(fixes, velocity, receiver.topic)
+        findings += more
         fixes, velocity, more = _without_stuck(fixes, velocity, receiver.topic)
         findings += more
     if fixes is not None and velocity is not None and not named:
@@ -367,23 +368,6 @@ def _of_vehicles(velocity_n: np.ndarray) -> np.ndarray:
     """Plausible velocities of a vehicle, including those without a vertical part."""
     level = (np.abs(velocity_n[:, :2]) < FASTEST_M_S).all(axis=1)
     return np.asarray(level & ~(np.abs(velocity_n[:, 2]) >= FASTEST_M_S))
-
-
-def _without_flat(fixes: Gnss, velocity: Velocity, topic: str) -> tuple[Velocity, list[Finding]]:
-    """Take out down velocities that are all exactly zero although height moves."""
-    heights = fixes.height[np.isfinite(fixes.height)]
-    down = velocity.velocity_n[:, 2]
-    if len(heights) < 2 or np.any(down != 0.0) or np.ptp(heights) <= FLAT_HEIGHT_M:
-        return velocity, []
-    text = (
-        f"topic {topic}: its vertical velocity is always zero while height moves by"
-        f" {np.ptp(heights):.0f} m; only the horizontal part is used"
-    )
-    columns = velocity.velocity_n.copy()
-    columns[:, 2] = np.nan
-    return replace(velocity, velocity_n=columns), [
-        Finding("flat-velocity", text, topic=topic, numbers={"height_m": float(np.ptp(heights))})
-    ]
 
 
 def _without_stuck(

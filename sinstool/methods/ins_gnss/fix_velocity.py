@@ -77,22 +77,24 @@ def with_velocities(
         Those with enough fixes around them. The sigmas of velocities follow from `sigma_m`, and
         from the excess of residuals over it, which counts as a third derivative: four times their
         rms over half the window's length (once with `wander`); with `ends` four times as much at
-        the ends of one.
+        the ends of one. Beside fixes without height the vertical velocity is that between the
+        others, as uncertain as it is large elsewhere.
     """
     # One that is far off would spoil the velocities of all around it
-    there = gnss.has_position & np.isfinite(gnss.height)
-    rows = gnss.rows(there & ~worse_than_usual(gnss))
+    rows = gnss.rows(gnss.has_position & ~worse_than_usual(gnss))
     rows = rows.rows(~outlying(rows))
     n = len(rows)
-    if n < LEAST:
+    flat = ~np.isfinite(rows.height)
+    if n - np.count_nonzero(flat) < LEAST:
         return DerivedEpochs(**vars(rows), derived_s=np.zeros(n)).rows(slice(0, 0))
     t = (rows.time_ns - rows.time_ns[0]) / SECOND
-    height = float(median(rows.height))
+    heights = _with_all(t, rows.height)
+    height = float(median(rows.height[~flat]))
     longitude = np.unwrap(rows.longitude)
     north, east = horizontal_metres(
         rows.latitude - rows.latitude[0], longitude - longitude[0], rows.latitude[0], height
     )
-    position = np.stack([north, east, -(rows.height - rows.height[0])], axis=1)
+    position = np.stack([north, east, heights[0] - heights], axis=1)
     half = half_width(t, sigma_m)
     velocity, sigma, good = np.empty((n, 3)), np.empty((n, 3)), np.empty(n, np.bool_)
     over = np.empty(n)
@@ -105,6 +107,14 @@ def with_velocities(
         )
     if wander is not None:
         sigma = np.sqrt(sigma**2 + _shared(t, half, sigma_m, wander))
+    counts = np.append(0, np.cumsum(flat))
+    first, after = np.searchsorted(t, t - half), np.searchsorted(t, t + half, "right")
+    beside = counts[after] > counts[first]
+    whole = good & ~beside
+    if beside.any():
+        good &= ~beside | whole.any()
+        climb = float(np.sqrt(np.mean(velocity[whole, 2] ** 2))) if whole.any() else np.inf
+        sigma[beside, 2] = np.hypot(sigma[beside, 2], climb)
     columns = {**vars(rows), "velocity_n": velocity, "sigma_velocity_n": sigma}
     return DerivedEpochs(**columns, derived_s=over).rows(good)
 
@@ -198,7 +208,7 @@ def track_of(gnss: GnssEpochs) -> tuple[FloatArray, FloatArray]:
     near the poles even a few kilometres, those from the first place turn away from north.
     """
     seconds = (gnss.time_ns - gnss.time_ns[0]) * 1e-9
-    height = np.nan_to_num(gnss.height)
+    height = _with_all(seconds, gnss.height)
     steps = horizontal_metres(
         np.diff(gnss.latitude),
         wrapped(np.diff(gnss.longitude)),
@@ -207,6 +217,14 @@ def track_of(gnss: GnssEpochs) -> tuple[FloatArray, FloatArray]:
     )
     north, east = (np.append(0.0, np.cumsum(step)) for step in steps)
     return seconds, np.stack([north, east, height], axis=1)
+
+
+def _with_all(seconds: FloatArray, height: FloatArray) -> FloatArray:
+    """Heights, those that are missing from the ones around them, shape (n,); 0 if all are."""
+    known = np.isfinite(height)
+    return (
+        np.interp(seconds, seconds[known], height[known]) if known.any() else np.zeros(len(height))
+    )
 
 
 def stated_sigma(gnss: GnssEpochs) -> float:

@@ -165,6 +165,25 @@ def test_the_first_and_last_fixes_have_velocities_where_they_are_wanted(rate, no
     assert 0.4 < np.sqrt(np.mean(np.square(ratios))) < 2.0
 
 
+def test_fixes_without_height_show_how_fast_a_vehicle_goes_all_the_same():
+    """A receiver in 2-D mode for a while: its fixes were thrown away, or leapt down to 0 m."""
+    whole = epochs(noise=0.05)
+    t = seconds_of(whole)
+    climb = whole.height + 3.0 * np.sin(0.3 * t) + 800.0
+    flat = (t > 30.0) & (t < 50.0)
+    made = with_velocities(dataclasses.replace(whole, height=np.where(flat, np.nan, climb)), 0.05)
+    assert len(made) == len(whole)
+    off = (made.velocity_n - whole.velocity_n)[20:-20]
+    assert np.abs(off[:, 1]).max() < 0.2 and np.abs(off[:, 0]).max() < 0.5
+    down = made.velocity_n[:, 2] - whole.velocity_n[:, 2] + 0.9 * np.cos(0.3 * t)
+    down /= made.sigma_velocity_n[:, 2]
+    assert np.abs(down[20:-20]).max() < 4.0
+    assert made.sigma_velocity_n[flat, 2].min() > 0.4 > made.sigma_velocity_n[t < 28.0, 2].max()
+    assert not fix_velocity.outlying(
+        dataclasses.replace(whole, height=np.where(flat, np.nan, climb))
+    ).any()
+
+
 def test_velocities_that_share_their_fixes_are_worth_less_together():
     gnss = epochs(noise=0.3)
     alone = with_velocities(gnss, 0.3).sigma_velocity_n[20:-20, 2]
