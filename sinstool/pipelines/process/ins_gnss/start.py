@@ -260,8 +260,7 @@ def with_fitting_grade(
         Both with that grade.
     """
     shown, grade = fit(source, config, algorithm, start.by_the_fixes), next_worse(start.grade.grade)
-    # Errors of the IMU may have been taken for slow errors of fixes: the likelier ones are kept. A
-    # filter that diverges is about as unlikely with slightly worse sensors: all grades are tried
+    # Errors of the IMU may have been taken for slow errors of fixes: the likelier ones are kept
     while (
         grade is not None and shown is not None and (shown.doubted or max(start.slow_errors) > 1.0)
     ):
@@ -278,6 +277,9 @@ def with_fitting_grade(
             if fits is not None and shown.worse_than(fits):
                 log_choice("IMU grade", f"{grade}, {why}")
                 first, start, shown = begun, other, fits
+        # A filter that diverges is about as unlikely with slightly worse sensors: all are tried
+        if grade != start.grade.grade and shown.square < 1.0:
+            break
         grade = next_worse(grade)
     return first, start
 
