@@ -277,9 +277,9 @@ def with_fitting_grade(
             if fits is not None and shown.worse_than(fits):
                 log_choice("IMU grade", f"{grade}, {why}")
                 first, start, shown = begun, other, fits
-        # A filter that diverges is about as unlikely with slightly worse sensors: all are tried
-        if grade != start.grade.grade and shown.square < 1.0:
-            break
+            # A filter that diverges is about as unlikely with slightly worse sensors: go on then
+            elif fits is None or not fits.doubted:
+                break
         grade = next_worse(grade)
     return first, start
 

@@ -87,12 +87,12 @@ def test_innovations_refute_the_grade_of_a_rest(tmp_path):
     ("square", "costs", "grade"),
     [
         # From navigation grade on, as an aircraft showed it
-        (1.4, (-6642.0, -6644.0, -10427.0, -10211.0, -10078.0), "industrial"),
-        (1.4, (-6642.0, -6600.0, -6500.0, -10211.0, -10230.0), "consumer"),
-        (1.4, (-6642.0, None, -6640.0, -6644.0, -6647.0), "navigation"),
-        # With fixes that a receiver smooths, beside which nothing diverges
+        (1.6, (-6642.0, -6644.0, -10427.0, -10211.0, -10078.0), "industrial"),
+        (1.6, (-6642.0, -6600.0, -6500.0, -10211.0, -10230.0), "consumer"),
+        (1.6, (-6642.0, None, -6640.0, -6644.0, -6647.0), "navigation"),
+        # With fixes that a receiver smooths, and with a wrong lever arm: nothing diverges
         (0.1, (-16380.0, -16363.0, -16319.0, -16487.0, -16500.0), "navigation"),
-        (0.1, (-16380.0, -16400.0, -16405.0, -16487.0, -16500.0), "tactical"),
+        (1.1, (-1573.0, -1716.0, -1649.0, -1805.0, -1805.0), "tactical"),
     ],
 )
 def test_grades_beyond_one_that_fits_as_badly_are_tried(monkeypatch, square, costs, grade):
