@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, cast
 
+import numpy as np
+
 from sinstool.config import ProcessConfig
-from sinstool.core.streams import Imu, concatenate
+from sinstool.core.streams import Imu, concatenate, take_rows
 from sinstool.core.timeline import SECOND, segments
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.strapdown.followed_rates import with_followed
@@ -41,6 +43,8 @@ class SegmentIncrements:
         ----------
         start_ns : int
             Time of the sample at which the first update begins.
+        end_ns : int, optional
+            Updates end no later than this.
         progress : callable, optional
             Called with the bytes read.
 
@@ -50,8 +54,16 @@ class SegmentIncrements:
             Updates, the samples at their ends, and, where they are the first of a segment, the
             sample at which it begins.
         """
-        for increments, (imu, opening) in with_followed(self._made(start_ns, end_ns, progress)):
-            yield increments, imu, opening
+        # A little more than is asked for, as rates follow what comes after
+        read_ns = None if end_ns is None else end_ns + SECOND
+        for increments, (imu, opening) in with_followed(self._made(start_ns, read_ns, progress)):
+            if end_ns is None or int(increments.time_ns[-1]) <= end_ns:
+                yield increments, imu, opening
+                continue
+            rows = slice(0, int(np.searchsorted(increments.time_ns, end_ns, "right")))
+            if rows.stop:
+                yield take_rows(increments, rows), imu.rows(rows), opening
+            return
 
     def _made(
         self, start_ns: int, end_ns: int | None, progress: Any

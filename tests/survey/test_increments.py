@@ -9,7 +9,7 @@ from sinstool.io.readers import open_log
 from sinstool.pipelines.planning import make_plan
 from sinstool.survey import increments
 from sinstool.survey.increments import SegmentIncrements, first_increments
-from sinstool.survey.source import prepare
+from sinstool.survey.source import imu_blocks, prepare
 from tests.helpers.filter_logs import simulated
 
 SECOND = 1_000_000_000
@@ -49,3 +49,24 @@ def test_they_end_at_a_gap(log):
     source, config, algorithm = log
     start_ns = source.survey.first_ns
     assert first_increments(source, config, algorithm, start_ns, 20 * SECOND, 0) is None
+
+
+@pytest.mark.parametrize("rows", [100, 777, 16384])
+def test_they_are_of_so_many_seconds_wherever_blocks_end(log, monkeypatch, rows):
+    """They went on to the end of a block, 164 s at 100 Hz."""
+    source, config, algorithm = log
+    start_ns = source.survey.first_ns
+
+    def blocks(source, config, start_ns, progress):
+        return imu_blocks(source, start_ns, progress, rows)
+
+    each = concatenate(
+        [part for part, _, _ in SegmentIncrements(source, config, algorithm).from_time(start_ns)]
+    )
+    monkeypatch.setattr(increments, "rate_blocks", blocks)
+    made = first_increments(source, config, algorithm, start_ns, 20 * SECOND, SECOND)
+    inside = each.time_ns <= start_ns + 20 * SECOND
+    assert 0 < np.count_nonzero(inside) < len(inside)
+    np.testing.assert_array_equal(made.time_ns, each.time_ns[inside])
+    np.testing.assert_array_equal(made.rotation_vector, each.rotation_vector[inside])
+    np.testing.assert_allclose(made.followed_rate, each.followed_rate[inside], atol=1e-9)
