@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +23,7 @@ from sinstool.methods.ins_gnss.settings import Settings, Start
 from sinstool.methods.strapdown.followed_rates import followed_rates
 from sinstool.methods.strapdown.velocity import Increments
 
-_UPDATES = 4096  # in one block, as the filter stores its covariances at each
+_UPDATES = 4096  # at a time, as the filter stores its covariances
 _HALF_S = 0.06  # accelerations are velocity changes over this time before and after an instant
 _SETTLED_S = 20.0  # the first innovations contain errors of the start that are not linear
 _MOST_OFF = 1e6  # largest V, in SI units, of a filter that has not diverged
@@ -112,26 +112,39 @@ def offset_scores(
     off: FloatArray | None = None
     rows: list[OffsetScores] = []
     fixes: GnssEpochs | None = gnss
-    for part in parts:
-        for first in range(0, len(part.time_ns), _UPDATES):
-            piece = take_rows(part, slice(first, first + _UPDATES))
-            block = run.push(piece, fixes)
-            fixes = None
-            if block.updates is None or not np.isfinite(block.updates.q_nb).all():
-                return None
-            if off is None:
-                off = _at_start(run, block, piece.interval)
-            with np.errstate(over="ignore", invalid="ignore"):
-                some, off = _of_block(run, block, piece.interval, off)
-            if not np.abs(off).max() < _MOST_OFF:
-                return None
-            rows.append(some)
+    for piece in _pieces(parts):
+        block = run.push(piece, fixes)
+        fixes = None
+        if block.updates is None or not np.isfinite(block.updates.q_nb).all():
+            return None
+        if off is None:
+            off = _at_start(run, block, piece.interval)
+        with np.errstate(over="ignore", invalid="ignore"):
+            some, off = _of_block(run, block, piece.interval, off)
+        if not np.abs(off).max() < _MOST_OFF:
+            return None
+        rows.append(some)
     scores = concatenate(rows)
     settled = np.ones(len(scores), dtype=bool)
     for begun in [*scores.time_ns[:1], *scores.time_ns[scores.begins]]:
         after = (scores.time_ns - begun) * 1e-9
         settled &= (after < 0.0) | (after > _SETTLED_S)
     return take_rows(scores, settled & scores.used)
+
+
+def _pieces(parts: Iterable[Increments]) -> Iterator[Increments]:
+    """The updates, so many at a time that means over seconds hardly end early, wherever parts end.
+
+    Only the last are fewer.
+    """
+    waiting: Increments | None = None
+    for part in parts:
+        waiting = part if waiting is None else concatenate([waiting, part])
+        while len(waiting.time_ns) >= _UPDATES:
+            yield take_rows(waiting, slice(0, _UPDATES))
+            waiting = take_rows(waiting, slice(_UPDATES, None))
+    if waiting is not None and len(waiting.time_ns):
+        yield waiting
 
 
 def _at_start(run: InsGnssFilter, block: FilterBlock, interval: FloatArray) -> FloatArray:

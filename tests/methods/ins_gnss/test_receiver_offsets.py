@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sinstool.core.streams import take_rows
 from sinstool.methods.ins_gnss import receiver_offsets
 from sinstool.methods.ins_gnss.offset_scores import _FAR, OffsetScores
 from sinstool.methods.ins_gnss.receiver_offsets import (
@@ -18,6 +19,7 @@ from sinstool.methods.ins_gnss.receiver_offsets import (
 )
 from sinstool.methods.ins_gnss.settings import Settings
 from sinstool.methods.receiver_priors import ARM_UNKNOWN_M, LATENCY_S
+from tests.methods.ins_gnss.flown import Flown
 
 
 def scores(nis, rows=6.0, latency=0.05, weight=400.0):
@@ -152,3 +154,18 @@ def test_a_latency_that_false_fixes_hide_is_looked_for_without_them(rejected, mi
     assert offsets.latency_s == (0.2 if found else 0.05)
     assert used == pytest.approx(0.2 if found else 0.0)
     assert any(asked) is (misfit > 1.0)
+
+
+@pytest.mark.parametrize("rows", [7, 400, 1100])
+def test_it_does_not_matter_where_parts_of_a_log_end(rows):
+    """Means of attitude and velocity over seconds ended with each part that was read at once."""
+    flown = Flown(duration=120.0)
+    every = flown.increments
+    parts = [take_rows(every, slice(k, k + rows)) for k in range(0, len(every.time_ns), rows)]
+    settings = flown.using("markov-27")
+    one, other = (
+        estimate_offsets(flown.start, settings, some, flown.gnss) for some in ([every], parts)
+    )
+    assert other.latency_s == pytest.approx(one.latency_s, rel=1e-6)
+    np.testing.assert_allclose(other.arm_b, one.arm_b, rtol=1e-6)
+    np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-6)
