@@ -13,6 +13,7 @@ constant over an update: gravity and the rotation of the navigation axes.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from math import ceil
 
 import numpy as np
@@ -28,6 +29,7 @@ from sinstool.core.quaternion_kernels import (
     row,
     to_rotation_vector,
 )
+from sinstool.core.streams import concatenate, take_rows
 from sinstool.core.timeline import SECOND
 from sinstool.methods.strapdown.velocity import Increments
 
@@ -59,18 +61,47 @@ def joined_updates(
     Increments
         Each ends where the last of its updates does; the input itself where no two updates fit.
     """
+    return _joined(increments, _first_rows(increments, below_s, seen_ns))
+
+
+def joined_blocks(
+    blocks: Iterable[Increments], below_s: float, seen_ns: IntArray | None = None
+) -> Iterator[Increments]:
+    """Join updates that come in blocks, wherever those end; see :func:`joined_updates`."""
+    rest: Increments | None = None
+    for block in blocks:
+        rest = block if rest is None else concatenate([rest, block])
+        first = _first_rows(rest, below_s, seen_ns)
+        if len(first) > 1:
+            # More may join the last
+            begin = int(first[-1])
+            yield _joined(take_rows(rest, slice(0, begin)), first[:-1])
+            rest = take_rows(rest, slice(begin, None))
+    if rest is not None:
+        yield joined_updates(rest, below_s, seen_ns)
+
+
+def _first_rows(increments: Increments, below_s: float, seen_ns: IntArray | None) -> IntArray:
+    """The first update of each that they are joined to."""
     usual = float(np.median(increments.interval))
-    most = ceil(below_s / usual - ROUNDING) - 1
-    if most < 2:
-        return increments
+    most = max(ceil(below_s / usual - ROUNDING) - 1, 1)
     time_ns, interval = increments.time_ns, increments.interval
     waited = np.diff(time_ns) / SECOND - interval[1:]
     edges = np.flatnonzero(np.concatenate([[True], waited > 0.5 * usual, [True]]))
     if seen_ns is not None:
-        edges = np.union1d(edges, _about(time_ns, seen_ns, round(ROUNDING * usual * SECOND)))
+        begin_ns = int(time_ns[0]) - round(float(interval[0]) * SECOND)
+        slack_ns = round(ROUNDING * usual * SECOND)
+        edges = np.union1d(edges, _about(time_ns, begin_ns, seen_ns, slack_ns))
     pieces = -(-np.diff(edges) // most)
     before = np.repeat(np.cumsum(pieces) - pieces, pieces)
-    first = np.repeat(edges[:-1], pieces) + most * (np.arange(len(before)) - before)
+    return np.asarray(np.repeat(edges[:-1], pieces) + most * (np.arange(len(before)) - before))
+
+
+def _joined(increments: Increments, first: IntArray) -> Increments:
+    """From each of these updates to the next as one."""
+    time_ns, interval = increments.time_ns, increments.interval
+    if len(first) == len(time_ns):
+        return increments
     count = np.diff(first, append=len(time_ns))
     turned, velocity = np.empty((len(first), 3)), np.empty((len(first), 3))
     _join(
@@ -93,9 +124,9 @@ def joined_updates(
     )
 
 
-def _about(time_ns: IntArray, seen_ns: IntArray, slack_ns: int) -> IntArray:
+def _about(time_ns: IntArray, begin_ns: int, seen_ns: IntArray, slack_ns: int) -> IntArray:
     """The updates in which times lie, unless at their ends, and those after them."""
-    seen_ns = seen_ns[(seen_ns > time_ns[0] - slack_ns) & (seen_ns <= time_ns[-1])]
+    seen_ns = seen_ns[(seen_ns > begin_ns + slack_ns) & (seen_ns <= time_ns[-1])]
     at = np.searchsorted(time_ns, seen_ns - slack_ns)
     within = np.abs(time_ns[at] - seen_ns) > slack_ns
     return np.concatenate([at[within], at + 1])

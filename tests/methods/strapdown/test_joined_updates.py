@@ -1,12 +1,15 @@
 """Updates joined to longer ones."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from sinstool.core import rotation
-from sinstool.methods.strapdown.joined_updates import joined_updates
+from sinstool.core.streams import concatenate, take_rows
+from sinstool.methods.strapdown.joined_updates import joined_blocks, joined_updates
 from sinstool.methods.strapdown.navigation import initial_state
 from sinstool.methods.strapdown.velocity import Increments
 from tests.methods.strapdown.navigator import Navigator
@@ -81,3 +84,21 @@ def test_updates_of_which_no_two_fit_stay_as_they_are():
     for interval in (0.01, 0.0100002, 0.0099998, 0.05):
         every = updates(10, 1.0 / interval)
         assert joined_updates(every, 0.02) is every
+
+
+@given(st.integers(0, 1000), st.lists(st.integers(1, 199), max_size=6))
+def test_it_does_not_matter_where_blocks_end(seed, cuts):
+    """Updates were joined within a block, so that the last of each was a shorter one."""
+    random = np.random.default_rng(seed)
+    every = updates(200, 100.0, gaps=random.integers(1, 200, 3), seed=seed)
+    begin_ns = every.time_ns - 10_000_000
+    row = random.integers(0, 200, 8)
+    seen_ns = np.sort(begin_ns[row] + random.integers(1, 10, 8) * 1_000_000)
+    edges = [0, *sorted(set(cuts)), 200]
+    blocks = [take_rows(every, slice(a, b)) for a, b in pairwise(edges)]
+    made = concatenate(list(joined_blocks(blocks, 0.05, seen_ns)))
+    whole = joined_updates(every, 0.05, seen_ns)
+    np.testing.assert_array_equal(made.time_ns, whole.time_ns)
+    for name in ("sample", "interval", "rotation_vector", "velocity_increment"):
+        # But for rounding: several at a time are computed otherwise than one
+        np.testing.assert_allclose(getattr(made, name), getattr(whole, name), atol=1e-15)

@@ -26,7 +26,7 @@ from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_velocity import message_times
 from sinstool.methods.ins_gnss.returning_fixes import OUTAGE_S
 from sinstool.methods.receiver_priors import ARM_USUAL_M, LATENCY_S
-from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
+from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_blocks
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.before_start import before_start
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -246,7 +246,8 @@ def _from(
     last = min(first + 1 + max(TRIED) + JUDGES, len(rows) - 1)
     end_ns = None if whole else max(int(valid_ns[last]), start.time_ns) + SECOND
     steps = SegmentIncrements(source, config, algorithm).from_time(start.time_ns, end_ns)
-    return [joined_updates(increments, JOINED_S, start.valid_ns) for increments, _, _ in steps]
+    blocks = (increments for increments, _, _ in steps)
+    return list(joined_blocks(blocks, JOINED_S, start.valid_ns))
 
 
 def _innovations(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +30,7 @@ from sinstool.methods.land_vehicle.shaking import beyond, find_shaking
 from sinstool.methods.land_vehicle.track import Means, MeansStage, Track
 from sinstool.methods.land_vehicle.trust import Trust, find_trust
 from sinstool.methods.land_vehicle.wander import AS_STATED, Wander, find_wander
-from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_updates
+from sinstool.methods.strapdown.joined_updates import JOINED_S, joined_blocks
 from sinstool.methods.strapdown.navigation import Q_W, Q_Z, V_DOWN, V_NORTH
 from sinstool.methods.strapdown.velocity import Increments
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measurements
@@ -397,14 +398,19 @@ def _means(
     longest_gap_s: float,
 ) -> tuple[Means, list[Increments]]:
     """Short means of the IMU, and its joined increments, from a start up to a longer gap."""
-    stage, last_ns, joined = MeansStage(start.time_ns), start.time_ns, []
-    for increments, _, _ in SegmentIncrements(source, config, algorithm).from_time(start.time_ns):
-        begin_ns = int(increments.time_ns[0]) - round(float(increments.interval[0]) * SECOND)
-        if begin_ns - last_ns > longest_gap_s * SECOND:
-            break
-        last_ns = int(increments.time_ns[-1])
-        stage.push(increments)
-        joined.append(joined_updates(increments, JOINED_S, start.valid_ns))
+    stage, steps = MeansStage(start.time_ns), SegmentIncrements(source, config, algorithm)
+
+    def up_to_gap() -> Iterator[Increments]:
+        last_ns = start.time_ns
+        for increments, _, _ in steps.from_time(start.time_ns):
+            begin_ns = int(increments.time_ns[0]) - round(float(increments.interval[0]) * SECOND)
+            if begin_ns - last_ns > longest_gap_s * SECOND:
+                break
+            last_ns = int(increments.time_ns[-1])
+            stage.push(increments)
+            yield increments
+
+    joined = list(joined_blocks(up_to_gap(), JOINED_S, start.valid_ns))
     return stage.finish(), joined
 
 
