@@ -32,7 +32,6 @@ class SegmentIncrements:
             max_gap_ns=source.survey.max_gap_ns,
             uneven=sampled_unevenly(source.survey),
         )
-        self.samples = 0
 
     def from_time(
         self, start_ns: int, end_ns: int | None = None, progress: Any = None
@@ -88,7 +87,6 @@ class SegmentIncrements:
                 opening = piece.imu.rows(slice(0, 1))
             assert stage is not None and waiting is not None
             imu = piece.imu
-            self.samples += len(imu)
             made = stage.push(imu.gyro, imu.accel, waiting.push(imu))
             yield from _answer(made, lost, waiting, opening)
             if len(made.sample):
