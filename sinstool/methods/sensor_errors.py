@@ -204,7 +204,7 @@ UNCALIBRATED_BY = IMU_GRADES["consumer"].gyro_misalignment / IMU_GRADES["mems"].
 
 
 def partly_calibrated(calibrated: SensorGrade, bare: SensorGrade, share: float) -> SensorGrade:
-    """Errors between those of a calibrated IMU, share 0, and of a bare chip, share 1.
+    """Errors between those of a calibrated IMU, share 0, and of a bare chip, share 1, or beyond.
 
     Each by its logarithm; the noise is that of the former.
     """

@@ -69,8 +69,8 @@ class ImuGrade:
         Grade with which the first attitude was found, if it is another: drift says little of
         biases, which an alignment has to allow for.
     uncalibrated : float or None
-        Position of a low-cost IMU between a calibrated one, 0, and a bare chip, 1, in powers of
-        what a calibration takes off; None if it is not judged.
+        Position of a low-cost IMU between a calibrated one, 0, and a bare chip, 1, or beyond, in
+        powers of what a calibration takes off; None if it is not judged.
     misaligned : float
         How many times as misaligned as those of the grade its axes are.
     """

@@ -44,8 +44,9 @@ from sinstool.survey.source import Source
 # -2 log likelihood is smaller by LEAST_GAIN: odds of e^5 to 1.
 QUIETER, LEAST_GAIN = 0.7, 10.0
 # The shares of calibration error that are tried for low-cost IMUs: 0 is a calibrated module, which
-# may be as good as an industrial one, and 1 a bare chip.
-SHARES = (0.0, 0.5, 1.0)
+# may be as good as an industrial one, and 1 a bare chip. The last is of axes three times as far
+# off, as of gyros and accelerometers on a board of their own each.
+SHARES = (0.0, 0.5, 1.0, 1.5)
 # Another share is likelier with odds of e to 1 if its log likelihood is larger by this: what
 # innovations do not have in common with a model changes their likelihood by tens of nat.
 DOUBT = 2.0
@@ -93,7 +94,7 @@ class GradeFits:
         return self._fit(grade, self.sensors(grade))
 
     def uncalibrated_by(self, share: float) -> Fit | None:
-        """Fit of low-cost sensors between a calibrated IMU, 0, and a bare chip, 1."""
+        """Fit of low-cost sensors between a calibrated IMU, 0, and a bare chip, 1, or beyond."""
         if share in (0.0, 1.0):
             return self.of("consumer" if share else "mems")
         bare, calibrated = (self.sensors(grade) for grade in LOW_COST)
@@ -203,7 +204,7 @@ def likelier_low_cost(fits: GradeFits) -> ImuGrade | None:
     share = uncalibrated_share(cost, odds)
     if share < NEARLY:
         return ImuGrade("mems", "as innovations are clearly likelier than as an uncalibrated one")
-    if share > 1.0 - NEARLY:
+    if abs(share - 1.0) < NEARLY:
         return ImuGrade("consumer", "as innovations do not show that it is calibrated")
     angle = 1e3 * IMU_GRADES["mems"].gyro_misalignment * UNCALIBRATED_BY**share
     why = f"calibrated to about {angle:.2g} mrad, as far as innovations show"
@@ -215,13 +216,14 @@ def uncalibrated_share(cost: FloatArray, log_odds: float) -> float:
 
     Parameters
     ----------
-    cost : ndarray, shape (3,)
+    cost : ndarray, shape (4,)
         -2 log likelihood of each of them.
     log_odds : float
         Log of the odds, by all other evidence, that the IMU is a bare chip.
     """
     shares = np.array(SHARES)
-    times = _root_mean_square(UNCALIBRATED_BY**shares, cost, log_odds * shares)
+    odds = log_odds * np.minimum(shares, 1.0) + LOG_ODDS_TIMES * (shares > 1.0)
+    times = _root_mean_square(UNCALIBRATED_BY**shares, cost, odds)
     return float(np.log(times) / np.log(UNCALIBRATED_BY))
 
 

@@ -263,7 +263,7 @@ def test_a_rest_shows_a_bare_chip_by_its_bias(tmp_path, grade, expected):
 def test_a_low_cost_imu_is_calibrated_by_innovations_and_bias_together(
     monkeypatch, bias_deg_s, gain, expected
 ):
-    costs = {0.0: 5.0 - gain / 100, 0.5: 5.0, 1.0: 5.0}
+    costs = {0.0: 5.0 - gain / 100, 0.5: 5.0, 1.0: 5.0, 1.5: 5.0}
     shown = {share: Fit(1.0, cost, 100) for share, cost in costs.items()}
     monkeypatch.setattr(likelier_grade.GradeFits, "uncalibrated_by", lambda _, s: shown[s])
     monkeypatch.setattr(likelier_grade.GradeFits, "of", lambda *_: Fit(1.0, 9.0, 100))
@@ -277,24 +277,36 @@ def test_a_low_cost_imu_is_calibrated_by_innovations_and_bias_together(
 
 
 @given(
-    st.lists(st.floats(-1e4, 1e4), min_size=3, max_size=3), st.floats(-50.0, 50.0), st.floats(0, 50)
+    st.lists(st.floats(-1e4, 1e4), min_size=4, max_size=4), st.floats(-50.0, 50.0), st.floats(0, 50)
 )
 def test_a_share_is_within_what_is_tried_and_follows_what_is_likelier(cost, log_odds, less):
     cost = np.array(cost)
     share = uncalibrated_share(cost, log_odds)
-    assert 0.0 <= share <= 1.0 + 1e-12
+    assert 0.0 <= share <= likelier_grade.SHARES[-1] + 1e-12
     assert uncalibrated_share(cost, log_odds + less) >= share - 1e-9
     assert uncalibrated_share(cost + less, log_odds) == pytest.approx(share, abs=1e-6)
-    assert uncalibrated_share(cost - [less, 0.0, 0.0], log_odds) <= share + 1e-9
+    assert uncalibrated_share(cost - [less, 0.0, 0.0, 0.0], log_odds) <= share + 1e-9
 
 
 def test_a_share_is_that_of_the_mean_square():
     """A tenth of the odds for angles of ten times make 3.3 times of them."""
-    cost = np.array([0.0, np.inf, 2.0 * likelier_grade.DOUBT * np.log(9.0)])
+    cost = np.array([0.0, np.inf, 2.0 * likelier_grade.DOUBT * np.log(9.0), np.inf])
     assert uncalibrated_share(cost, 0.0) == pytest.approx(np.log10(np.sqrt(0.9 + 0.1 * 100.0)))
 
 
-@given(st.floats(0.0, 1.0))
+def test_axes_worse_than_those_of_a_bare_chip_are_what_innovations_show():
+    """Not what the gyros' bias at rest says, nor nothing: few lie so."""
+    clearly = np.array([900.0, 300.0, 60.0, 0.0])
+    assert uncalibrated_share(clearly, 0.0) == pytest.approx(1.5, abs=0.01)
+    assert uncalibrated_share(np.array([300.0, 60.0, 0.0, 60.0]), 0.0) == pytest.approx(
+        1.0, abs=0.01
+    )
+    unknown = uncalibrated_share(np.zeros(4), 0.0)
+    assert 0.75 < unknown < 0.9
+    assert uncalibrated_share(np.zeros(4), 50.0) < 1.1
+
+
+@given(st.floats(0.0, 1.5))
 def test_a_calibration_in_part_lies_between(share):
     mems, chip = IMU_GRADES["mems"], IMU_GRADES["consumer"]
     imu = partly_calibrated(mems, chip, share)
@@ -317,6 +329,20 @@ def test_sigmas_hold_however_well_axes_are_calibrated(tmp_path, across):
         data = crossed(record(truth, imu, seed, gnss_rate=5.0, sigma=0.3), seed, across)
         log = write(tmp_path / f"{seed}.mcap", data)
         answer, status, _ = process(log, truth, [])
+        assert status == 0
+        off.append(np.mean(np.square(answer.error[:, 6:8] / answer.sigma[:, 6:8])))
+    assert 0.4 < np.sqrt(np.mean(off)) < 2.0
+
+
+@pytest.mark.slow
+def test_axes_worse_than_those_of_a_bare_chip_are_in_the_sigmas(tmp_path):
+    """By 30 mrad, as a gyro and an accelerometer that are soldered apart: 2.75 sigmas before."""
+    off = []
+    for seed in (2, 4):
+        truth = drive(seed, 260.0, 20.0)
+        imu = sensor_errors(0.4, 200.0, 0.12, 8000.0, 3e4, 0.5)
+        data = crossed(record(truth, imu, seed, gnss_rate=5.0, sigma=0.3), seed, 3e-2)
+        answer, status, _ = process(write(tmp_path / f"{seed}.mcap", data), truth, [])
         assert status == 0
         off.append(np.mean(np.square(answer.error[:, 6:8] / answer.sigma[:, 6:8])))
     assert 0.4 < np.sqrt(np.mean(off)) < 2.0
