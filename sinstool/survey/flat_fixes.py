@@ -16,9 +16,10 @@ FLAT_HEIGHT_M = 5.0
 # A row of equal heights is no chance if, with the share of equal neighbours in the nine tenths of
 # all rows that are shorter (at least so many), it is less likely than this.
 SHORTER, LEAST_EQUAL, CHANCE = 0.9, 0.05, 1e-6
-# No receiver measures to this, m: equal heights that are told to so much are held. Coarser ones may
-# be rounded, and one that holds them leaps as it lets go, by so many digits and usual steps.
-DIGIT_M, LEAP_DIGITS, LEAP_STEPS = 0.0015, 5.0, 3.0
+# Receivers that round heights do so to this, m, or more, which shows in their steps. Other equal
+# heights are held; one that holds rounded ones leaps as it lets go, by so many of the smallest and
+# of the usual steps.
+DIGIT_M, ON_DIGIT, LEAP_DIGITS, LEAP_STEPS = 0.01, 0.01, 5.0, 3.0
 
 
 def held_heights(fixes: Gnss) -> BoolArray:
@@ -46,9 +47,9 @@ def held_heights(fixes: Gnss) -> BoolArray:
     short = count[count <= quantile(count.astype(np.float64), SHORTER)]
     equal = max(1.0 - len(short) / float(short.sum()), LEAST_EQUAL)
     holds = (count - 1) * np.log(equal) < np.log(CHANCE)
-    digit = float(steps.min())
-    if digit > DIGIT_M:
-        leap = max(LEAP_DIGITS * digit, LEAP_STEPS * float(median(steps)))
+    digits = steps / DIGIT_M
+    if np.mean(np.abs(digits - np.round(digits)) < ON_DIGIT) > 0.5:
+        leap = max(LEAP_DIGITS * float(steps.min()), LEAP_STEPS * float(median(steps)))
         holds &= np.append(step, 0.0)[after - 1] > leap
     for a, b in zip(begin[holds], after[holds], strict=True):
         held[a + 1 : b] = True

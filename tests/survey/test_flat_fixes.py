@@ -55,10 +55,12 @@ def test_heights_that_stay_the_same_are_not_held(seed, digits):
         assert not held_heights(way(np.round(rounded / digits) * digits, 0.02)).any()
 
 
-def test_heights_told_to_a_millimetre_need_no_leap():
+@pytest.mark.parametrize("digits", [1e-3, 1e-12])
+@pytest.mark.parametrize("sigma", [0.3, 5.0])
+def test_heights_told_to_a_millimetre_need_no_leap(digits, sigma):
     """As of a boat, which comes back to where they were held."""
     random = np.random.default_rng(3)
-    height = np.round(40.0 + 0.3 * random.standard_normal(600), 3)
+    height = np.round((40.0 + sigma * random.standard_normal(600)) / digits) * digits
     height[200:300] = height[200]
     height[520:] = height[520]
     found = np.flatnonzero(held_heights(way(height)))
