@@ -109,12 +109,16 @@ def before_start(
     steps = SegmentIncrements(source, config, algorithm)
     made: list[Increments] = []
     samples: list[Imu] = []
-    for increments, imu, opening in steps.from_time(first, prepared.time_ns):
+    for increments, imu, opening in steps.from_time(first):
         if opening is not None:  # a segment begins here: nothing before the gap can be reached
+            if int(opening.time_ns[0]) > prepared.time_ns:
+                break
             made, samples = [], [opening]
         before = increments.time_ns <= prepared.time_ns
         made.append(take_rows(increments, before))
         samples.append(imu.rows(before))
+        if not before.all():
+            break
     if not made or int(samples[0].time_ns[0]) > prepared.time_ns:
         return None
     updates = concatenate(made)
