@@ -250,10 +250,15 @@ def _read(log: Log, topic: ImuTopic) -> dict[str, TopicTimes]:
             mine.append(tuple(column[valid] for column in columns))
             met[number] += len(rows)
         count += len(batch)
-    return {
-        name: TopicTimes(name, *(np.concatenate(column) for column in zip(*many, strict=True)))
-        for name, many in parts.items()
-    }
+    return {name: _in_order(name, many) for name, many in parts.items()}
+
+
+def _in_order(topic: str, parts: Sequence[tuple[IntArray, ...]]) -> TopicTimes:
+    """Times of a topic's messages by their place; several channels may take turns."""
+    columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    times = TopicTimes(topic, *columns)
+    order = np.argsort(times.place, kind="stable")
+    return TopicTimes(topic, *(column[order] for column in columns))
 
 
 def forward_steps(log: Log, imu: TopicTimes, others: Sequence[TopicTimes]) -> Iterator[Step]:

@@ -21,7 +21,7 @@ def nanoseconds(seconds):
     return T0 + np.round(seconds * 1e9).astype(np.int64)
 
 
-def write_stepped(path, data, steps, who=TOGETHER, seed=0, late_s=0.03):
+def write_stepped(path, data, steps, who=TOGETHER, seed=0, late_s=0.03, channels=1):
     """A log of a record, its messages in the order in which they arrive.
 
     Parameters
@@ -32,6 +32,8 @@ def write_stepped(path, data, steps, who=TOGETHER, seed=0, late_s=0.03):
         The clocks that step, of `TOGETHER`; the others go on.
     late_s : float
         From a fix to its message, with milliseconds of jitter.
+    channels : int
+        Of the IMU's topic, which take turns.
 
     Returns
     -------
@@ -64,13 +66,17 @@ def write_stepped(path, data, steps, who=TOGETHER, seed=0, late_s=0.03):
         for topic, name in {"/imu": IMU, **{m[1]: m[2] for m in others}}.items():
             text = store().generate_msgdef(name, ros_version=2)[0].encode()
             schema = writer.register_schema(name, "ros2msg", text)
-            number[topic] = writer.register_channel(topic, "cdr", schema)
+            number[topic] = [
+                writer.register_channel(topic, "cdr", schema, {"number": str(n)})
+                for n in range(channels if topic == "/imu" else 1)
+            ]
         for k in np.argsort(arrivals, kind="stable").tolist():
             time = int(log_ns[k])
             if k < len(rows):
-                writer.add_message(number["/imu"], time, rows[k].tobytes(), time)
+                channel = number["/imu"][k % channels]
+                writer.add_message(channel, time, rows[k].tobytes(), time)
             else:
                 _, topic, _, payload = others[k - len(rows)]
-                writer.add_message(number[topic], time, payload, time)
+                writer.add_message(number[topic][0], time, payload, time)
         writer.finish()
     return log_ns[: len(rows)]

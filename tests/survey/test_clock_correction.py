@@ -84,6 +84,19 @@ def test_stamps_of_some_topics_only(tmp_path, road, who, size):
     assert abs(off[0] - fix_off[0]) == pytest.approx(0.0, abs=0.06)
 
 
+@pytest.mark.parametrize("size", [0.0, -2.0])
+@pytest.mark.parametrize("channels", [2, 3])
+def test_a_topic_on_channels_that_take_turns(tmp_path, road, channels, size):
+    """Its messages are read in the order of the file, not channel by channel."""
+    steps = [(31.4, size)] if size else []
+    write_stepped(tmp_path / "log.mcap", road, steps, channels=channels)
+    source, imu, fix_ns = read(tmp_path / "log.mcap")
+    assert steps_of(source) == ([("/imu", size)] if size else [])
+    assert (source.survey.gap_count, imu.backward, imu.repeated) == (0, 0, 0)
+    np.testing.assert_array_equal(imu.stream.time_ns, nanoseconds(road.seconds + size))
+    np.testing.assert_array_equal(fix_ns, nanoseconds(road.fixes.seconds + size))
+
+
 @pytest.mark.parametrize("length", [0.3, 2.0, 10.0])
 @pytest.mark.parametrize("begin", [20.0, 31.4, 40.0])
 def test_a_recorder_that_stood_still_is_a_gap(tmp_path, road, begin, length):

@@ -29,6 +29,8 @@ from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import GPS_FIX_TYPES, HEIGHT_TYPES, VELOCITY_TYPES
 
 Made = TypeVar("Made")
+# Log times and values of messages
+Columns = tuple[np.ndarray, dict[str, np.ndarray]]
 
 # Limit of rad/s and m/s^2: beyond the range of any sensor in any unit, so only damage exceeds it
 LARGEST = 1e9
@@ -99,7 +101,7 @@ def read_columns(
     losses: Losses,
     progress: Callable[[int], None] | None = None,
     widths: Mapping[str, int] = MappingProxyType({}),
-) -> Iterator[tuple[np.ndarray, dict[str, np.ndarray]]]:
+) -> Iterator[Columns]:
     """Decoded columns of one topic, batch by batch, in file order, without steps of clocks.
 
     Parameters
@@ -142,6 +144,8 @@ def read_columns(
         if progress is not None:
             progress(batch.position)
         present = list(decoders) if len(decoders) == 1 else np.unique(batch.channel).tolist()
+        parts: list[Columns] = []
+        places: list[np.ndarray] = []
         for number in present:
             one = batch if len(decoders) == 1 else batch.select([number])
             decode = partial(decoders[number].decode, one.buffer, one.offset, one.length)
@@ -162,11 +166,33 @@ def read_columns(
             if bad:
                 losses.malformed += bad
                 losses.problem = losses.problem or decoders[number].problem
-            if not bad:
-                yield log_time_ns, decoded.values
-            elif decoded.valid.any():
-                keep = decoded.valid
-                yield log_time_ns[keep], {k: v[keep] for k, v in decoded.values.items()}
+            whole = log_time_ns, decoded.values
+            if bad == len(one):
+                continue
+            keep = decoded.valid
+            parts.append(_rows(whole, keep) if bad else whole)
+            if len(present) > 1:
+                places.append(np.flatnonzero(batch.channel == number)[keep])
+        if len(parts) > 1:
+            # Channels may take turns
+            yield _rows(_joined(parts), np.argsort(np.concatenate(places)))
+        else:
+            yield from parts
+
+
+def _rows(columns: Columns, which: np.ndarray) -> Columns:
+    """Log times and values of some messages."""
+    log_time_ns, values = columns
+    return log_time_ns[which], {name: column[which] for name, column in values.items()}
+
+
+def _joined(parts: Sequence[Columns]) -> Columns:
+    """Log times and values of several channels, one after the other."""
+    for log_time_ns, values in parts:
+        values.setdefault(MOVED, np.zeros_like(log_time_ns))
+    return np.concatenate([log_time_ns for log_time_ns, _ in parts]), {
+        name: np.concatenate([values[name] for _, values in parts]) for name in parts[0][1]
+    }
 
 
 def read_imu(
