@@ -7,6 +7,7 @@ it, and windows of all of them are compared.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -134,7 +135,11 @@ def compare_log(
     longest = max(stretches, key=len).gyro
     long_enough = len(longest) >= MIN_SPECTRUM
     tuning = tune(longest, interval, kind, passband=bands.passband) if long_enough else None
-    limits = bounds(longest, interval, kind) if long_enough else None
+    limits = None
+    if long_enough:
+        # Samples may be too far apart for their band
+        with suppress(ValueError):
+            limits = bounds(longest, interval, kind)
     settings = Settings(
         algorithms,
         options.reference,

@@ -102,6 +102,15 @@ def test_given_rate_is_the_interval_of_increments_too(moving):
     np.testing.assert_allclose(result[0].gyro, gyro * [1.0, -1.0, -1.0], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("rate", [0.2, 0.5])
+def test_samples_too_far_apart_for_the_band_of_the_bounds(moving, rate):
+    gyro, accel, path = moving
+    imu_log(path, even_times(2000), gyro / 200.0, accel)
+    compared = compare_log(path, config(FEW, imu_rate=rate))
+    assert compared.bounds is None
+    assert compared.comparison.kind == "rate"
+
+
 def test_truth_with_a_hole_says_nothing_there():
     times = 10_000_000 * np.arange(100)
     hole = np.concatenate([times[:40], times[60:]])
