@@ -7,11 +7,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ROUNDING", "ArrayLike", "BoolArray", "FloatArray", "IntArray", "zeros_on_lines"]
+__all__ = [
+    "ROUNDING",
+    "ArrayLike",
+    "BoolArray",
+    "ComplexArray",
+    "FloatArray",
+    "IntArray",
+    "zeros_on_lines",
+]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+ComplexArray = NDArray[np.complex128]
 
 ROUNDING = 1e-9
 """A change by less than this share of a value is by rounding, as of rates made of angles."""

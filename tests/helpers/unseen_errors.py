@@ -157,6 +157,20 @@ def smoothed_by_receiver(data: Record, seed: int, size: float, time: float) -> R
     return displaced(data, size * smooth / smooth.std(axis=0))
 
 
+def lowpassed_velocities(data: Record, seed: int, time: float) -> Record:
+    """Velocities that the receiver passes through a low-pass of first order, noise and all."""
+    truth, fixes = data.truth, data.fixes
+    swing = np.gradient(truth.c_nb @ data.lever, truth.seconds, axis=0)
+    velocity = truth.velocity_n + swing
+    gain = -np.expm1(-1.0 / RATE / time)
+    late = lfilter([gain], [1.0, gain - 1.0], velocity - velocity[0], axis=0) + velocity[0]
+    keep = np.exp(-np.median(np.diff(fixes.seconds)) / time)
+    white = np.random.default_rng([seed, 33]).standard_normal((len(fixes.seconds), 3))
+    noise = lfilter([1.0 - keep], [1.0, -keep], fixes.sigma_v * white, axis=0)
+    rows = np.searchsorted(truth.seconds, fixes.seconds - 0.5 / RATE)
+    return replace(data, fixes=replace(fixes, velocity_n=late[rows] + noise))
+
+
 def streets(data: Record, seed: int, size: float, honest: bool) -> Record:
     """Between houses, half a minute at a time: fixes off by metres that last for ten seconds.
 

@@ -65,6 +65,7 @@ from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart, measur
 from sinstool.pipelines.process.ins_gnss.sample_kind import with_sample_kind
 from sinstool.pipelines.process.ins_gnss.start import earliest_start, timed_start
 from sinstool.pipelines.process.ins_gnss.stated_antenna import start_by_antenna
+from sinstool.pipelines.process.ins_gnss.unsmoothed_velocity import with_unsmoothed_velocity
 from sinstool.pipelines.process.ins_gnss.untrusted import (
     TOO_MANY_REJECTED,
     doubts,
@@ -111,10 +112,11 @@ class FilterRun(Mode):
     def __init__(self, source: Source, config: ProcessConfig, plan: Plan) -> None:
         algorithm = plan.algorithm
         source, first, false = find_false_fixes(source, config, algorithm, plan.filter_start)
+        source, config, first, smooth = with_unsmoothed_velocity(source, config, algorithm, first)
         first = before_short_gaps(source, config, algorithm, first)
         config, first, start, means = with_sample_kind(source, config, plan, first)
         config, self._planned, antenna = start_by_antenna(source, config, algorithm, first, start)
-        self._shown = [*false, *means, *antenna]
+        self._shown = [*false, *smooth, *means, *antenna]
         super().__init__(source, config, plan)
         self._start = start = start_before_gaps(source, config, algorithm, self._planned)
         self.emits = ("imu", "attitude", "odometry", "fix", "tf", "diagnostics")

@@ -40,7 +40,7 @@ def white_noise(
     cancel. Medians ignore single bad fixes. Fixes that the receiver itself states to be worse than
     usual are left out, as they say nothing about the others.
     """
-    settings, usual = _loose(start.settings), ~worse_than_usual(start.used)
+    settings, usual = loose(start.settings), ~worse_than_usual(start.used)
     if start.white is not None and start.white.is_of(start.start, settings, usual):
         return start.white
     gnss = start.used.rows(usual)
@@ -48,7 +48,7 @@ def white_noise(
     if motion is None or len(gnss) < LEAST_EPOCHS:
         return None
     run = InsGnssFilter(start.start, settings, with_baro=False, output=False)
-    epochs = run.push(motion, _unsized(gnss)).gnss
+    epochs = run.push(motion, unsized(gnss)).gnss
     position = _scatter(epochs.time_ns, epochs.innovation[:, :3])
     velocity = _scatter(epochs.time_ns, epochs.innovation[:, 3:])
     shown = outlying_innovations(epochs.time_ns, epochs.innovation[:, :3], stated_sigma(gnss))
@@ -79,7 +79,7 @@ def _median(values: FloatArray) -> float:
     return float(np.median(good)) if len(good) >= LEAST_EPOCHS else np.nan
 
 
-def _loose(settings: Settings) -> Settings:
+def loose(settings: Settings) -> Settings:
     """Settings of a filter that hardly follows the fixes."""
     return replace(
         settings.ungated,
@@ -88,7 +88,7 @@ def _loose(settings: Settings) -> Settings:
     )
 
 
-def _unsized(gnss: GnssEpochs) -> GnssEpochs:
+def unsized(gnss: GnssEpochs) -> GnssEpochs:
     """Fixes without the sigmas that the receiver states."""
     return replace(
         gnss,
