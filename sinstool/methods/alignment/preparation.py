@@ -164,7 +164,8 @@ def prepare_fixes(
     -------
     gnss : GnssFixes
     settings : AlignmentSettings
-        With ``vectors='pos'`` where there is no velocity.
+        With ``vectors='pos'`` where there is no velocity. As two positions make no pair of vectors,
+        ``triad`` then becomes ``svd``; where there is, it needs other vectors.
     warnings : list of str
 
     Raises
@@ -173,6 +174,8 @@ def prepare_fixes(
         If there is neither velocity nor position for a minute.
     """
     warnings = []
+    if settings.method == "triad" and settings.vectors == "pos":
+        settings = replace(settings, vectors="int")
     new = np.diff(gnss.time_ns, prepend=gnss.time_ns[:1] - 1) > 0
     if not new.all():
         warnings.append(f"{counted(int((~new).sum()), 'fix')} with repeated times left out")
@@ -213,9 +216,12 @@ def prepare_fixes(
             f" {_span_s(gnss.time_ns[moving]):.1f} s and positions for {span:.1f} s",
             "choose a longer span, or use --align level or log",
         )
-    warnings.append("the fixes have no velocity: aligned by positions, which takes a minute")
-    method = "svd" if settings.method == "triad" else settings.method
-    return gnss, replace(settings, vectors="pos", method=method), warnings
+    text = "the fixes have no velocity: aligned by positions, which takes a minute"
+    if settings.method == "triad":
+        text += ", and by svd, as triad needs velocity"
+        settings = replace(settings, method="svd")
+    warnings.append(text)
+    return gnss, replace(settings, vectors="pos"), warnings
 
 
 def _where(settings: AlignmentSettings) -> str:

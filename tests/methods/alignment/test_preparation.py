@@ -186,7 +186,7 @@ def test_positions_alone():
     long = fixes(700, velocity_n=missing(700, slice(None)))
     gnss, settings, warnings = prepare_fixes(long, AlignmentSettings(method="triad"))
     assert len(gnss) == 700 and (settings.vectors, settings.method) == ("pos", "svd")
-    assert "no velocity" in warnings[0]
+    assert "no velocity" in warnings[0] and "by svd, as triad needs velocity" in warnings[0]
     short = fixes(300, velocity_n=missing(300, slice(None)))
     with pytest.raises(AlignmentError, match="needs GNSS velocity for 10 s"):
         prepare_fixes(short, AlignmentSettings())
@@ -195,6 +195,15 @@ def test_positions_alone():
         prepare_fixes(long, AlignmentSettings(start_ns=600 * 100 * MS))
     gnss, _, _ = prepare_fixes(short, AlignmentSettings(vectors="pos"))
     assert len(gnss) == 300
+
+
+def test_triad_takes_no_positions():
+    """It ignores the vectors that are asked for: it integrates velocity, or gives way to svd."""
+    asked = AlignmentSettings(method="triad", vectors="pos")
+    _, settings, warnings = prepare_fixes(fixes(), asked)
+    assert (settings.vectors, settings.method) == ("int", "triad") and not warnings
+    _, settings, warnings = prepare_fixes(fixes(700, velocity_n=missing(700, slice(None))), asked)
+    assert (settings.vectors, settings.method) == ("pos", "svd") and "triad" in warnings[0]
 
 
 def test_gaps_of_fixes():
