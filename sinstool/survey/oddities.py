@@ -20,6 +20,7 @@ from sinstool.core.units import STANDARD_GRAVITY
 from sinstool.io.readers.frames import turn_body
 from sinstool.io.readers.streams import LARGEST
 from sinstool.survey.imu import CONFLICTING, Survey
+from sinstool.survey.no_measurements import LeftOut
 from sinstool.survey.odd_units import odd_units
 from sinstool.survey.stuck_axes import longest
 from sinstool.survey.two_sensors import finding as of_two_sensors
@@ -192,6 +193,33 @@ def found_gaps(s: Survey, across_ns: int | None = None) -> Finding:
     return Finding("gaps", f"{text}; nothing is integrated across {them}")
 
 
+def no_measurements(out: LeftOut | None) -> Iterator[Finding]:
+    """Findings about samples that were left out, as they are no measurements."""
+    if out is None:
+        return
+    if out.hung:
+        yield Finding(
+            "imu-hangs",
+            f"{counted(out.hung, 'sample')} left out: all zero, or the same six values several"
+            " times before a leap, as the sensor or its driver hung",
+            numbers={"samples": out.hung},
+        )
+    if out.wrong:
+        yield Finding(
+            "wrong-values",
+            f"in {counted(out.wrong, 'sample')} a value leaps far off those before and after, as no"
+            " motion does, but an error of transmission; left out",
+            numbers={"samples": out.wrong},
+        )
+    if out.stuck:
+        yield Finding(
+            "axis-hangs",
+            f"axes repeat one value while others measure on: {longest(out.stuck)};"
+            " all samples meanwhile were left out",
+            numbers={"samples": sum({one.last_ns: one.count for one in out.stuck}.values())},
+        )
+
+
 def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
     if s.losses.malformed:
         yield Finding(
@@ -207,21 +235,7 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
             f" than {LARGEST:.0e}; left out",
             severity=Severity.LOST,
         )
-    out = s.left_out
-    if out is not None and out.hung:
-        yield Finding(
-            "imu-hangs",
-            f"{counted(out.hung, 'sample')} left out: all zero, or the same six values several"
-            " times before a leap, as the sensor or its driver hung",
-            numbers={"samples": out.hung},
-        )
-    if out is not None and out.wrong:
-        yield Finding(
-            "wrong-values",
-            f"in {counted(out.wrong, 'sample')} a value leaps far off those before and after, as no"
-            " motion does, but an error of transmission; left out",
-            numbers={"samples": out.wrong},
-        )
+    yield from no_measurements(s.left_out)
     if s.two_sensors:
         yield of_two_sensors(s.topic, s.two_sensors)
     if s.dead_axes:
@@ -231,13 +245,6 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
             " show noise: do not trust what is computed without this axis",
             severity=Severity.LOST,
             answer="choose another topic with --imu-topic, or mend the driver",
-        )
-    if out is not None and out.stuck:
-        yield Finding(
-            "axis-hangs",
-            f"axes repeat one value while others measure on: {longest(out.stuck)};"
-            " all samples meanwhile were left out",
-            numbers={"samples": sum({one.last_ns: one.count for one in out.stuck}.values())},
         )
     held = s.held - _without_noise(s)
     if held > HELD_SHARE * s.count:

@@ -7,7 +7,7 @@ encoder alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from sinstool.io.readers.log import Log
 from sinstool.io.readers.message_types import JOINT_TYPE
 from sinstool.io.readers.streams import Losses, joint_names, read_imu, read_joint
 from sinstool.io.readers.topics import ImuTopic, choose_imu, choose_optional
+from sinstool.methods.hse.agreement import StampedAngle, stamped_angles
 from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
 from sinstool.methods.hse.segments import (
@@ -36,7 +37,10 @@ from sinstool.methods.hse.segments import (
     turn_statistics,
 )
 from sinstool.methods.hse.time_grid import LONGEST_FILLED_S, filled
+from sinstool.survey.clock_correction import may_have_stepped, remove_clock_steps
 from sinstool.survey.imu import within
+from sinstool.survey.no_measurements import LeftOut, Suspects
+from sinstool.survey.oddities import no_measurements
 from sinstool.survey.source import imu_units, time_span
 
 Progress = Callable[[int], None]
@@ -109,6 +113,10 @@ class RigLog:
         Samples that are not in the log: see :func:`~sinstool.methods.hse.time_grid.filled`.
     encoder : Encoder
         Readings in the unit of the log.
+    left_out : LeftOut or None
+        Samples that are no measurements, and are as if they had not been recorded.
+    clock_steps : tuple of Finding
+        Clocks that were set while the log was recorded: all is read without these steps.
     """
 
     log: Log
@@ -118,6 +126,8 @@ class RigLog:
     encoder: Encoder
     imu_counts: MessageCounts
     encoder_counts: MessageCounts
+    left_out: LeftOut | None = None
+    clock_steps: tuple[Finding, ...] = ()
 
     @property
     def start_ns(self) -> int:
@@ -126,8 +136,15 @@ class RigLog:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Messages that were left out, put in order or lost."""
-        return (*self.imu_counts.findings(), *self.encoder_counts.findings(), *self._filled())
+        """Messages that were left out, put in order or lost, and clocks that were set."""
+        topic = self.imu_counts.topic
+        return (
+            *self.clock_steps,
+            *self.imu_counts.findings(),
+            *(replace(one, topic=topic) for one in no_measurements(self.left_out)),
+            *self.encoder_counts.findings(),
+            *self._filled(),
+        )
 
     def _filled(self) -> list[Finding]:
         count = int(np.count_nonzero(self.made))
@@ -189,13 +206,22 @@ def read_rig_log(
     """
     topic = choose_imu(log, options.imu_topic)
     units = replace(imu_units(options), body_axes="frd")
-    losses = Losses()
     channels = choose_optional(log, "--encoder-topic", options.encoder_topic, JOINT_TYPE)
     if not channels:
         raise _without_encoder(log, rig, [])
-    blocks = read_imu(log, topic.channels, units, losses, path=topic.path, progress=progress)
+
+    def samples(progress: Progress | None = None) -> tuple[list[Imu], Losses]:
+        losses = Losses()
+        blocks = read_imu(log, topic.channels, units, losses, path=topic.path, progress=progress)
+        return list(blocks), losses
+
     span = time_span(log, options)
-    read = list(blocks)
+    read, losses = samples(progress)
+    clock_steps: tuple[Finding, ...] = ()
+    if may_have_stepped([(block.time_ns, block.log_time_ns) for block in read]):
+        clock_steps = remove_clock_steps(log, topic)
+        if clock_steps:
+            read, losses = samples()
     if not read:
         raise DataError(log.path, f"topic {topic.topic} has no usable Imu message")
     first_ns = int(read[0].time_ns[0])
@@ -215,16 +241,29 @@ def read_rig_log(
     encoder = sorted_stream(read_joint(log, channels, joint, encoder_losses))
     if encoder is None:
         raise EncoderError(log.path, f"joint {joint!r} has no usable JointState message")
-    samples, made = filled(imu.stream)
+    measured, left_out = _measured(imu.stream)
+    filled_up, made = filled(measured)
     return RigLog(
         log,
         topic,
-        samples,
+        filled_up,
         made,
         encoder.stream,
         MessageCounts.of(topic.topic, losses, imu),
         MessageCounts.of(channels[0].topic, encoder_losses, encoder),
+        left_out,
+        clock_steps,
     )
+
+
+def _measured(imu: Imu) -> tuple[Imu, LeftOut | None]:
+    """Samples without those that are no measurements."""
+    suspects = Suspects()
+    whole = list(suspects.watch(iter([imu])))
+    left_out = suspects.found()
+    if left_out is None:
+        return imu, None
+    return next(left_out.applied(iter(whole)), imu), left_out
 
 
 def _without_encoder(log: Log, rig: Rig, names: list[str]) -> TopicError:
@@ -274,6 +313,59 @@ def find_turns(rig_log: RigLog, rig: Rig, rules: SegmentRules, name: str = "") -
     return RigTurns(
         name or path.stem, rig_log.start_ns, pieces, segmentation, turns, rig_log.findings
     )
+
+
+def angles_at_stamps(rig_log: RigLog, rig: Rig, turns: RigTurns) -> list[StampedAngle]:
+    """The table's angle at the stamps of samples, and where the gyros deny it, for each piece.
+
+    Parameters
+    ----------
+    turns : RigTurns
+        Of the log, with a stretch in use at least.
+    """
+    imu, encoder = rig_log.imu, rig_log.encoder
+    read = table_angle(
+        imu.time_ns, encoder.time_ns, encoder.position, rig.encoder, rig.imu_stamp, smoothing_s=0.0
+    )
+    axial = (imu.gyro - rig.gyro_bias) @ rig.gyro_to_b[2]
+    latitude = rig.require_latitude()
+    return stamped_angles(turns.pieces, read, turns.segments, axial, latitude, rig.imu_stamp)
+
+
+def denied_angles(
+    rig_log: RigLog, turns: RigTurns, angles: Sequence[StampedAngle], so: str = ""
+) -> list[Finding]:
+    """That the gyros deny the encoder at some samples of a log, if so.
+
+    Parameters
+    ----------
+    so : str, optional
+        What follows from it.
+    """
+    seconds, off = [np.empty(0)], [np.empty(0)]
+    for piece, angle in zip(turns.pieces, angles, strict=True):
+        made = rig_log.made[piece.first : piece.first + len(piece)]
+        rows = np.flatnonzero(angle.denied & ~made)
+        seconds.append(piece.start_s + rows * piece.interval_s)
+        off.append(np.abs(angle.off[rows]))
+    when, by = np.maximum(np.concatenate(seconds), 0.0), np.concatenate(off)
+    if not len(when):
+        return []
+    text = (
+        f"at {counted(len(when), 'sample')} from {when.min():.1f} to {when.max():.1f} s the gyros"
+        f" deny the encoder's angle, by up to {by.max() / DEGREE:.2f} deg: it hung or leapt, or a"
+        f" clock was set{so}"
+    )
+    return [
+        Finding(
+            "encoder",
+            text,
+            Severity.LOST,
+            "look at the encoder and its stamps",
+            topic=rig_log.encoder_counts.topic,
+            numbers={"samples": float(len(when))},
+        )
+    ]
 
 
 def nothing_to_use(turns: RigTurns, path: Path, rules: SegmentRules) -> TurnsError:

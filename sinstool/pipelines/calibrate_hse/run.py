@@ -45,7 +45,14 @@ from sinstool.methods.hse.status import judge
 from sinstool.methods.hse.whole_turn import WholeTurnAlignment, run_from_turns
 from sinstool.pipelines.calibrate_hse.calibration_file import dumps
 from sinstool.pipelines.calibrate_hse.result import Calibration, PositionSpread
-from sinstool.survey.rig import RigTurns, find_turns, nothing_to_use, read_rig_log
+from sinstool.survey.rig import (
+    RigTurns,
+    angles_at_stamps,
+    denied_angles,
+    find_turns,
+    nothing_to_use,
+    read_rig_log,
+)
 
 
 def rig_of(config: ProcessConfig) -> Rig:
@@ -249,7 +256,11 @@ def read_turns(
     """
     with open_log(path, config.input.salvage) as log:
         samples = read_rig_log(log, rig, config.input, share(progress, log.size, 0.0, 1.0))
-        return find_turns(samples, rig, segment_rules(config.calibration), name), list(log.lost)
+        turns = find_turns(samples, rig, segment_rules(config.calibration), name)
+        if turns.turns:
+            denied = denied_angles(samples, turns, angles_at_stamps(samples, rig, turns))
+            turns = replace(turns, findings=(*turns.findings, *denied))
+        return turns, list(log.lost)
 
 
 def _part(progress: Progress | None, number: int, count: int) -> Progress | None:

@@ -25,15 +25,14 @@ from sinstool.io.readers.log import Log
 from sinstool.io.readers.streams import frame_id
 from sinstool.io.readers.topics import choose_imu
 from sinstool.io.writers.solution_topics import Frames
+from sinstool.methods.hse.agreement import StampedAngle
 from sinstool.methods.hse.calibration import (
     CorrectedHeading,
     HseCalibration,
     require_applicable,
     require_config,
 )
-from sinstool.methods.hse.encoder import TableAngle, table_angle
 from sinstool.methods.hse.rig import Rig
-from sinstool.methods.hse.segments import Segment
 from sinstool.methods.hse.site import wrong_latitude
 from sinstool.methods.hse.statistics import drifts
 from sinstool.methods.hse.whole_turn import (
@@ -52,11 +51,17 @@ from sinstool.pipelines.process.output import Output
 from sinstool.pipelines.process.result import ProcessResult
 from sinstool.pipelines.process.summary import FinalState, FirstAttitude
 from sinstool.survey.grade import measured_noise
-from sinstool.survey.rig import RigLog, RigTurns, find_turns, nothing_to_use, read_rig_log
+from sinstool.survey.rig import (
+    RigLog,
+    RigTurns,
+    angles_at_stamps,
+    denied_angles,
+    find_turns,
+    nothing_to_use,
+    read_rig_log,
+)
 
 BLOCK = 65536
-# Where in its interval a sample's stamp lies: that edge's angle belongs to it.
-_STAMP = {"start": 0.0, "mid": 0.5, "end": 1.0}
 # Tilts smaller than this, rad, are rounding.
 SMALLEST_TILT = 1e-4 * ARCSEC
 
@@ -91,12 +96,15 @@ def process_turntable(
     frames = Frames(config.output.world, "map", body, "frd")
     encoding = samples.topic.channels[0].message_encoding
     left_out = written.open(encoding, ("imu", "attitude"), frames)
-    attitudes = _write(written, samples, turns, rig, alignments, corrected)
+    angles = angles_at_stamps(samples, rig, turns)
+    attitudes = _write(written, samples, turns, rig, alignments, corrected, angles)
     written.complete()
     hse = _hse(config, calibration, turns, alignments, corrected)
     lost = _lost(log, samples)
     warnings += [*rig.remarks(), *_remarks(turns, alignments, corrected)]
     without = len(samples.imu) - int(np.count_nonzero(samples.made)) - attitudes
+    denied = denied_angles(samples, turns, angles, "; they get no attitude")
+    without -= sum(int(finding.numbers["samples"]) for finding in denied)
     if without:
         warnings.append(
             f"{counted(without, 'sample')} without attitude, where the encoder or the gyro has a"
@@ -107,6 +115,7 @@ def process_turntable(
         *plan.findings,
         *left_out,
         *warned("turntable", warnings),
+        *denied,
         *_findings(samples, hse, lost),
     )
     input_file, output_file = written.finish(findings)
@@ -202,71 +211,35 @@ def _write(
     rig: Rig,
     alignments: list[WholeTurnAlignment],
     corrected: CorrectedHeading,
+    angles: list[StampedAngle],
 ) -> int:
     """Write the attitude at every sample with an encoder angle; returns their number."""
     imu = samples.imu
-    encoder = samples.encoder
-    read = table_angle(
-        imu.time_ns, encoder.time_ns, encoder.position, rig.encoder, rig.imu_stamp, smoothing_s=0.0
-    )
     count = 0
-    for number, piece in enumerate(turns.pieces):
-        seconds = piece.start_s + (np.arange(len(piece)) + 0.5) * piece.interval_s
-        nearest = _nearest(seconds, turns.segments)
-        alpha = _angle(piece, read[number], rig.imu_stamp, turns, number)
+    for piece, angle in zip(turns.pieces, angles, strict=True):
         for begin in range(0, len(piece), BLOCK):
             end = min(begin + BLOCK, len(piece))
-            real = np.flatnonzero(~samples.made[piece.first + begin : piece.first + end])
-            if not len(real):
+            made = samples.made[piece.first + begin : piece.first + end]
+            given = np.flatnonzero(~made & ~angle.denied[begin:end])
+            if not len(given):
                 continue
-            rows = piece.first + begin + real
+            rows = piece.first + begin + given
             q_nb = np.empty((end - begin, 4))
-            for k in np.unique(nearest[begin:end]).tolist():
-                mine = nearest[begin:end] == k
-                q_nb[mine] = alignments[k].q_nb(alpha[begin:end][mine], float(corrected.dpsi[k]))
+            for k in np.unique(angle.nearest[begin:end]).tolist():
+                mine = angle.nearest[begin:end] == k
+                alpha = angle.alpha[begin:end][mine]
+                q_nb[mine] = alignments[k].q_nb(alpha, float(corrected.dpsi[k]))
             written.push(
                 Solution(
                     imu.time_ns[rows],
                     imu.log_time_ns[rows],
-                    q_nb[real],
+                    q_nb[given],
                     (imu.gyro[rows] - rig.gyro_bias) @ rig.gyro_to_b.T,
                     (imu.accel[rows] - rig.accel_bias) @ rig.accel_to_b.T,
                 )
             )
-            count += len(real)
+            count += len(given)
     return count
-
-
-def _angle(
-    smooth: TableAngle, read: TableAngle, stamp: str, turns: RigTurns, number: int
-) -> np.ndarray:
-    """Angle of the table at the stamps of the samples of a piece, rad.
-
-    Smoothed, which suits stamps that jitter, in the stretches at constant rate; as it was read
-    where the rate changes, as the mean of a quarter of a second to each side lags there by
-    minutes of arc.
-    """
-    alpha = _at_stamps(read.alpha, stamp)
-    steady = _at_stamps(smooth.alpha, stamp)
-    for segment in turns.segments:
-        if segment.piece == number:
-            rows = slice(segment.first, segment.stop)
-            alpha[rows] = steady[rows]
-    return alpha
-
-
-def _at_stamps(alpha: np.ndarray, stamp: str) -> np.ndarray:
-    weight = _STAMP[stamp]
-    return np.asarray((1.0 - weight) * alpha[:-1] + weight * alpha[1:])
-
-
-def _nearest(seconds: np.ndarray, segments: list[Segment]) -> np.ndarray:
-    """Number of the stretch that each time lies in, or is nearest to."""
-    begins = np.array([s.start_s for s in segments])
-    ends = np.array([s.start_s + s.duration_s for s in segments])
-    # half-way between the end of one and the beginning of the next
-    edges = 0.5 * (ends[:-1] + begins[1:])
-    return np.searchsorted(edges, seconds)
 
 
 def _remarks(
