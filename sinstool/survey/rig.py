@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from sinstool.config import InputOptions
-from sinstool.core.arrays import BoolArray
+from sinstool.core.arrays import BoolArray, FloatArray
 from sinstool.core.english import counted
 from sinstool.core.errors import AlignmentError, DataError, TopicError
 from sinstool.core.finding import Finding, Severity
@@ -342,11 +342,12 @@ def denied_angles(
     so : str, optional
         What follows from it.
     """
-    seconds, off = [np.empty(0)], [np.empty(0)]
+    seconds: list[FloatArray] = []
+    off: list[FloatArray] = []
     for piece, angle in zip(turns.pieces, angles, strict=True):
         made = rig_log.made[piece.first : piece.first + len(piece)]
         rows = np.flatnonzero(angle.denied & ~made)
-        seconds.append(piece.start_s + rows * piece.interval_s)
+        seconds.append(np.asarray(piece.start_s + rows * piece.interval_s))
         off.append(np.abs(angle.off[rows]))
     when, by = np.maximum(np.concatenate(seconds), 0.0), np.concatenate(off)
     if not len(when):
