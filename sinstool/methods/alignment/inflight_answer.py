@@ -9,7 +9,7 @@ import numpy as np
 
 from sinstool.core.arrays import FloatArray, IntArray
 from sinstool.core.errors import AlignmentError
-from sinstool.core.rotation import from_dcm, to_dcm
+from sinstool.core.rotation import from_dcm, log, to_dcm
 from sinstool.core.timeline import clock_time
 from sinstool.methods.alignment import refine as refinement
 from sinstool.methods.alignment.accumulation import InertialRows
@@ -29,8 +29,10 @@ from sinstool.methods.alignment.solution import (
     AttitudeChain,
     Course,
     Segment,
+    Solution,
     explain_residuals,
     solution_covariance,
+    solve,
 )
 from sinstool.methods.alignment.wahba import singular_values
 from sinstool.methods.receiver_priors import ARM_GIVEN_M, ARM_USUAL_M, LATENCY_S
@@ -165,6 +167,8 @@ def answer(best: Candidate, settings: AlignmentSettings, warnings: list[str]) ->
             covariance = refinement.theta_covariance(
                 result.covariance, reference, at, settings.grade
             )
+    if errors is None and settings.vectors in ("diff", "diffc"):
+        covariance = covariance + _coarse(solution, segment, settings)
     misfit = solution.chi2 if errors is None else errors.chi2
     inconsistent = misfit > INCONSISTENT_CHI2
     if inconsistent:
@@ -342,6 +346,19 @@ def _refined(
         chi2=result.chi2,
     )
     return result, errors, lacking
+
+
+def _coarse(solution: Solution, segment: Segment, settings: AlignmentSettings) -> FloatArray:
+    """Covariance, rad^2 in ``ib0``, by fixes too far apart for differences of their velocities.
+
+    A backward difference lags by half its interval, a central one is smoothed by the square of it:
+    with every other fix that grows by as much as it is, or by more.
+    """
+    other = solve(segment.take(np.arange((len(segment) - 1) % 2, len(segment), 2)), settings)
+    if other is None:
+        return np.asarray(UNIFORM_SIGMA**2 * np.eye(3))
+    off = log(from_dcm(solution.dcm.T @ other.dcm))
+    return np.outer(off, off)
 
 
 def _misaligned(segment: Segment, at: InertialRows, angle: float) -> FloatArray:

@@ -72,6 +72,19 @@ def test_exact_data_from_lift_off(form):
     assert course_error_deg(answer, flight, 10.0) < 0.005
 
 
+@pytest.mark.parametrize("form", ["diff", "diffc"])
+@pytest.mark.parametrize("rate", [1.0, 2.0, 5.0, 10.0])
+@pytest.mark.parametrize("gate", ["paper", "off"])
+def test_sigmas_of_differences_include_their_lag(gate, rate, form):
+    """A backward difference of fixes each second was 2 deg off, 17 of its sigmas, and ok."""
+    flight, imu, gnss = exact(Receiver(errors=PERFECT, rate_hz=rate))
+    answer = align_in_flight(imu, gnss, with_form(form, gate=gate, refine=False))
+    assert rate < 3.0 or answer.status in ("ok", "degraded")
+    if answer.status in ("ok", "degraded"):
+        off = psi(answer.q_nb, true_attitude(flight, answer.t_ns)[0])
+        assert np.abs(off / answer.sigma_rad).max() < 1.1
+
+
 def test_misaligned_gyros_lean_in_turns():
     """The axes of a car's gyros turned its tilt by 20 mdeg, six sigmas."""
     _, imu, gnss = noisy(3)
