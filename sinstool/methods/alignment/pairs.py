@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sinstool.core.arrays import BoolArray, FloatArray, IntArray
+from sinstool.core.arrays import ArrayLike, BoolArray, FloatArray, IntArray
 from sinstool.core.order_statistics import median
 from sinstool.core.parts import kernel
 from sinstool.core.quaternion_kernels import cross, put
@@ -133,18 +133,20 @@ def differentiated_pairs(
     level: FloatArray,
     sigma_usual: float,
     calm_until: IntArray | None = None,
+    lever_arm_b: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Pairs:
     """Pairs ``diff`` and ``diffc``: specific force against differentiated velocity.
 
     Parameters
     ----------
     rows : InertialRows
-        At the antenna; whose own acceleration against the IMU is left out.
     position : tuple of ndarray
         Latitude, longitude, height, each of shape (n,).
     velocity_n : ndarray, shape (n, 3)
     level, sigma_usual, calm_until
         As for :func:`integrated_pairs`.
+    lever_arm_b : array_like, shape (3,)
+        From the IMU to the antenna, whose acceleration against it is differentiated alike, FRD, m.
 
     Returns
     -------
@@ -168,6 +170,8 @@ def differentiated_pairs(
     force = np.einsum("nij,nj->ni", c, rows.force_b[at])
     alpha[newer], beta[newer], back[newer] = force, force_i, older
     scale[newer] = 1.0 / (rows.time_s[newer] - rows.time_s[older])
+    swings = rows.swing @ np.asarray(lever_arm_b, dtype=np.float64)
+    alpha[newer] += scale[newer, None] * (swings[newer] - swings[older])
     weight[newer] = 2.0 * sigma_usual**2 / (level[newer] ** 2 + level[older] ** 2)
     if calm_until is not None:
         weight[newer] *= calm_until[newer] == calm_until[older]

@@ -110,8 +110,9 @@ def make_pairs(segment: Segment, settings: AlignmentSettings) -> pairing.Pairs:
     if kind in ("diff", "diffc"):
         position = (segment.latitude, segment.longitude, segment.height)
         return pairing.differentiated_pairs(
-            kind == "diffc", rows, position, segment.velocity_n, segment.level, usual, mask
-        )
+            kind == "diffc", rows, position, segment.velocity_n, segment.level, usual, mask,
+            settings.lever_arm_b,
+        )  # fmt: skip
     if kind in ("cen", "pos"):
         end_s = rows.time_s
         fade = np.exp((end_s - end_s[-1]) / settings.fade_s)

@@ -85,6 +85,14 @@ def test_sigmas_of_differences_include_their_lag(gate, rate, form):
         assert np.abs(off / answer.sigma_rad).max() < 1.1
 
 
+def test_differences_know_that_an_antenna_swings():
+    """Its acceleration against the IMU was left out: of a drive with 10 Hz that cost a degree."""
+    lever = (3.0, 1.5, 0.5)
+    flight, imu, gnss = exact(Receiver(errors=PERFECT, lever_arm_b=lever))
+    answer = align_in_flight(imu, gnss, with_form("diffc", refine=False, lever_arm_b=lever))
+    assert error_deg(answer, flight) < 0.002
+
+
 def test_misaligned_gyros_lean_in_turns():
     """The axes of a car's gyros turned its tilt by 20 mdeg, six sigmas."""
     _, imu, gnss = noisy(3)
