@@ -252,7 +252,7 @@ def align_in_motion(
             return one
         if one.result.t_stop_ns - one.result.t_q_ns > UNSEEN_S * SECOND:
             return one
-        sigma = bias_unseen if level is None else min(bias_unseen, level.sigma)
+        sigma = bias_unseen if level is None else min(bias_unseen, level.sigma_any)
         errors = replace(settings.grade, gyro_bias=max(settings.grade.gyro_bias, sigma))
         # A solver, which estimates no bias, may not know the heading that a refinement finds
         for around in (settings.around, True):
@@ -279,7 +279,7 @@ def align_in_motion(
     ends = [end for end in short if end < imu.time_ns[-1]]
     rough = tried(gyro_bias, replace(settings.grade, gyro_bias=bias_unknown), ends)
     if (rough is None or not rough.good) and level is not None:
-        errors = replace(settings.grade, gyro_bias=level.sigma)
+        errors = replace(settings.grade, gyro_bias=level.sigma_any)
         rough = tried(level.bias, errors, [*ends, *ends_ns])
     if (rough is None or not rough.good) and not best.good:
         # With an ordinary bias, which spoils long spans all the same where little changes

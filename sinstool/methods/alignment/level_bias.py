@@ -23,6 +23,8 @@ MOST_S = 120.0
 LEAST_S = 15.0
 # Least sigma of a bias found so, rad/s.
 LEVEL_SIGMA = 0.1 * DEGREE
+# Turns are means over so long, s.
+TURN_S = 1.0
 # Correlation time of the difference between course and heading, s; if that difference exceeds this,
 # rad (1 sigma), the vehicle does not go where it points.
 SWAY_S = 10.0
@@ -41,11 +43,19 @@ class LevelBias:
         Of its part about the vertical, rad/s; at least `LEVEL_SIGMA`.
     up : ndarray, shape (3,)
         Unit vector along the mean specific force.
+    leaning : float
+        By how much its part across the vertical may be off, if the vehicle leans in turns, rad/s.
     """
 
     bias: FloatArray
     sigma: float
     up: FloatArray
+    leaning: float = 0.0
+
+    @property
+    def sigma_any(self) -> float:
+        """Of its part about any axis, rad/s."""
+        return float(np.hypot(self.sigma, self.leaning))
 
 
 def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> LevelBias | None:
@@ -53,7 +63,8 @@ def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> LevelBias | None:
 
     In the mean it turns as its course does, about the vertical that the accelerometer shows. In a
     coordinated turn of rate w at speed v an aircraft banks by arctan(v w / g), and that axis with
-    it: the bias may be off by w less its part along that axis.
+    it: the bias may be off by w less its part along that axis, and by its part across, which is up
+    in turns to either side. What leans less feels the acceleration v w the more.
 
     Parameters
     ----------
@@ -96,7 +107,37 @@ def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> LevelBias | None:
     rate = abs(slope + turned[-1] / since[-1])
     leans = np.arctan(rate * float(speed[fast].mean()) / STANDARD_GRAVITY)
     sigma = float(np.linalg.norm([LEVEL_SIGMA, sigma, rate * (1.0 - np.cos(leans))]))
-    return LevelBias(across + slope * up, sigma, up)
+    speeds = np.interp(since, seconds, speed[fast])
+    leaning = _leaning(since, turned + slope * since, speeds, imu.accel[rows], up)
+    return LevelBias(across + slope * up, sigma, up, leaning)
+
+
+def _leaning(
+    since: FloatArray, turned: FloatArray, speed: FloatArray, force: FloatArray, up: FloatArray
+) -> float:
+    """Mean rate across the axis that leans with a vehicle in turns, rad/s.
+
+    Parameters
+    ----------
+    since : ndarray, shape (n,)
+        Times of samples, s.
+    turned : ndarray, shape (n,)
+        Angle about the vertical, rad.
+    speed : ndarray, shape (n,)
+        m/s.
+    force : ndarray, shape (n, 3)
+        m/s^2.
+    up : ndarray, shape (3,)
+    """
+    edges = np.searchsorted(since, np.arange(0.0, since[-1], TURN_S))
+    rate = np.diff(turned[edges]) / np.diff(since[edges])
+    turning = rate * speed[edges[:-1]]
+    means = np.add.reduceat(force, edges[:-1]) / np.diff(edges, append=len(force))[:-1, None]
+    sideways = means - (means @ up)[:, None] * up
+    square = float(turning @ turning)
+    felt = min(float(np.linalg.norm(turning @ sideways)) / square, 1.0) if square > 0.0 else 1.0
+    leans = np.arctan((1.0 - felt) * turning / STANDARD_GRAVITY)
+    return abs(float(np.mean(rate * np.sin(leans))))
 
 
 def _for_long(fast: BoolArray, time_ns: IntArray) -> BoolArray:

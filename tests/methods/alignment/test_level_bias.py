@@ -51,3 +51,41 @@ def test_a_vehicle_that_is_never_fast_for_long_shows_none():
     random = np.random.default_rng(1)
     imu, fixes = log(lambda t: np.where(t % 12.0 < 2.0, 5.0, 0.0), lambda t: 0.0 * t, random)
     assert level_bias(imu, fixes, 0) is None
+
+
+def in_turns(random, leans):
+    """120 s of turns to either side at 40 m/s, coordinated as an aircraft's, or flat as a car's."""
+    time = np.arange(1, 120 * RATE + 1) / RATE
+    bank = random.uniform(0.2, 0.6) * np.sin(time / random.uniform(3.0, 6.0) + random.uniform(0, 6))
+    turns = STANDARD_GRAVITY * np.tan(bank) / 40.0
+    heading = np.cumsum(turns) / RATE
+    imu, fixes = log(lambda t: 40.0 + 0.0 * t, lambda t: np.interp(t, time, heading), random)
+    nothing = np.zeros_like(time)
+    if leans:
+        rates = [np.gradient(bank, time), turns * np.sin(bank), turns * np.cos(bank)]
+        force = [nothing, nothing, -STANDARD_GRAVITY / np.cos(bank)]
+    else:
+        rates = [nothing, nothing, turns]
+        force = [nothing, 40.0 * turns, nothing - STANDARD_GRAVITY]
+    noise = 2e-3 * random.standard_normal((len(time), 3))
+    return Imu.of(imu.time_ns, BIAS + np.column_stack(rates) + noise, np.column_stack(force)), fixes
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_an_aircraft_turns_across_the_vertical_is_no_bias(seed):
+    """Its nose rises in turns to either side: by a degree each second, and that was certain."""
+    imu, fixes = in_turns(np.random.default_rng(seed), leans=True)
+    level = level_bias(imu, fixes, 0)
+    off = level.bias - BIAS
+    across = float(np.linalg.norm(off - (off @ level.up) * level.up))
+    assert across > 0.05 * DEGREE
+    assert across < 2.0 * level.sigma_any
+    assert level.leaning > 0.4 * across
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_car_does_not_lean(seed):
+    imu, fixes = in_turns(np.random.default_rng(seed), leans=False)
+    level = level_bias(imu, fixes, 0)
+    assert level.leaning < 0.05 * DEGREE
+    assert np.abs(level.bias - BIAS).max() < 0.1 * DEGREE
