@@ -2,6 +2,7 @@
 
 import json
 import re
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,11 +14,22 @@ from scipy.spatial.transform import Rotation
 from sinstool.cli.main import cli
 from sinstool.core import earth
 from sinstool.core.rotation import to_euler
+from sinstool.pipelines.process import ins
 from sinstool.pipelines.process.ins import drift_warning
 from sinstool.report.text.process import first_sigma
+from sinstool.survey.imu import BLOCK_ROWS
+from sinstool.survey.source import imu_blocks
 from tests.helpers.imulogs import angles_between, in_log_axes, read_topic, stamp_ns
 from tests.helpers.logs import real
-from tests.helpers.unseen_drives import GRADES, T0, drive, record, without_fixes, write
+from tests.helpers.unseen_drives import (
+    GRADES,
+    T0,
+    drive,
+    record,
+    sensor_errors,
+    without_fixes,
+    write,
+)
 from tests.pipelines.process.flights import flight_log, read
 
 
@@ -148,6 +160,28 @@ def test_how_far_it_drifted_is_told_where_fixes_end_long_before_the_log(tmp_path
     told = next(f["text"] for f in summary["findings"] if "drift without fixes" in f["text"])
     distance = np.hypot(off["north_m"], off["east_m"])
     assert f"position is {distance:#.3g}".rstrip(".") in told and "--mode ins-gnss" in told
+
+
+@pytest.mark.parametrize("rows", [BLOCK_ROWS, 50, 33])
+def test_the_difference_to_the_last_fix_knows_of_latency_and_antenna(tmp_path, monkeypatch, rows):
+    """Of a perfect navigation; the antenna and 0.6 s of motion counted as drift."""
+    lever = np.array([3.0, -2.0, -1.5])
+    truth = drive(5, 60.0, rest=20.0)
+    perfect = sensor_errors(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    data = record(truth, perfect, 5, gnss_rate=1.0, sigma=1e-3, latency=0.6, lever=lever)
+    log = write(tmp_path / "log.mcap", data)
+    angles = Rotation.from_matrix(truth.c_nb[0]).as_euler("ZYX", degrees=True)[::-1]
+    monkeypatch.setattr(ins, "imu_blocks", partial(imu_blocks, rows=rows))
+    words = [
+        "process", str(log), "-o", str(tmp_path / "out.mcap"), "--mode", "ins", "--json",
+        "--gyro-kind", "mean-rate", "--gyro-bias", "none", "--align", "fixed",
+        "--initial-attitude", ",".join(map(str, angles)),
+        "--lever-arm", "3,-2,-1.5", "--gnss-latency", "0.6",
+    ]  # fmt: skip
+    ran = CliRunner().invoke(cli, words)
+    off = json.loads(ran.stdout)["gnss_difference"]
+    assert (int(off["time_ns"]) - T0) * 1e-9 == pytest.approx(data.fixes.seconds[-1], abs=1e-6)
+    assert np.hypot(off["north_m"], off["east_m"]) < 0.3 and abs(off["up_m"]) < 0.3
 
 
 @pytest.mark.parametrize("seconds", [60.0, 600.0, 5000.0])

@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from sinstool.config import ProcessConfig
-from sinstool.core.earth import SEMI_MAJOR_AXIS, horizontal_metres
+from sinstool.core.earth import SEMI_MAJOR_AXIS
 from sinstool.core.english import in_seconds
 from sinstool.core.finding import Finding, Severity
-from sinstool.core.rotation import wrapped
-from sinstool.core.streams import GnssEpochs, Solution
+from sinstool.core.streams import GnssEpochs, Solution, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE_PER_HOUR, MILLI_G, STANDARD_GRAVITY
 from sinstool.methods.alignment.initial import Alignment
@@ -25,7 +24,7 @@ from sinstool.pipelines.process.height import Damping, damping
 from sinstool.pipelines.process.height_beside_gnss import HeightBesideGnss
 from sinstool.pipelines.process.height_events import height_warnings, untrusted_heights
 from sinstool.pipelines.process.height_lag import HeightLag
-from sinstool.pipelines.process.ins_start import start_state
+from sinstool.pipelines.process.ins_start import errors_at_fixes, start_state
 from sinstool.pipelines.process.mode import (
     BytesRead,
     Mode,
@@ -83,6 +82,7 @@ class InsMode(Mode):
         self.frames = replace(odometry_frames(source, plan, config), origin=origin)
         self._run = InsRun(state, settings)
         self._beside: Solution | None = None  # the last that has a fix within
+        self._late_ns = round((config.gnss.gnss_latency or 0.0) * SECOND)
 
     def show(self, sink: Sink) -> None:
         """Pass to a sink the reference heights, and the fixes, which the run does not use."""
@@ -96,14 +96,18 @@ class InsMode(Mode):
         """Attitude, velocity and position at every update instant."""
         gnss = self.source.aiding.gnss
         fixes_ns = np.zeros(0, np.int64) if gnss is None else gnss.time_ns[gnss.has_position]
+        fixes_ns = fixes_ns - self._late_ns
+        end: Solution | None = None
         for solution in self._run.run(
             imu_blocks(self.source, self.plan.alignment.time_ns, progress)
         ):
-            time_ns = solution.time_ns
-            if len(time_ns) and np.searchsorted(fixes_ns, time_ns[0]) < np.searchsorted(
-                fixes_ns, time_ns[-1], "right"
-            ):
-                self._beside = solution
+            if len(solution):
+                first = solution if end is None else end
+                if np.searchsorted(fixes_ns, first.time_ns[0]) < np.searchsorted(
+                    fixes_ns, solution.time_ns[-1], "right"
+                ):
+                    self._beside = concatenate([solution] if end is None else [end, solution])
+                end = solution.rows(slice(-1, None))
             if self._height_beside is not None:
                 self._height_beside.push(solution)
             self._lag.push(solution)
@@ -126,7 +130,8 @@ class InsMode(Mode):
             texts += [*self._lag.warnings(), *self._height_beside.warnings()]
         else:
             texts.append(undamped_warning(self._latitude, seconds))
-        off = difference_to_gnss(self._beside, self.source.aiding.gnss)
+        arm_b = np.array(self.config.gnss.lever_arm or (0.0, 0.0, 0.0))
+        off = difference_to_gnss(self._beside, self.source.aiding.gnss, self._late_ns, arm_b)
         texts.append(drift_warning(seconds, off, run.first_ns))
         baro = self.source.aiding.barometer
         damped_by_baro = self.config.vertical.height_damping == "baro"
@@ -265,34 +270,34 @@ def _three(value: float) -> str:
     return f"{value:#.3g}".rstrip(".")
 
 
-def difference_to_gnss(last: Solution | None, gnss: GnssEpochs | None) -> GnssDifference | None:
+def difference_to_gnss(
+    beside: Solution | None, gnss: GnssEpochs | None, late_ns: int, arm_b: np.ndarray
+) -> GnssDifference | None:
     """Position less that of the last fix, while there are solutions around it.
 
     Parameters
     ----------
-    last : Solution or None
-        The last block of a run that has a fix within.
+    beside : Solution or None
+        The last part of a run that has a fix within.
+    late_ns : int
+        Age of a fix at its stamp.
+    arm_b : ndarray, shape (3,)
+        From the IMU to the antenna, m.
     """
-    if gnss is None or last is None or last.position is None:
+    if gnss is None or beside is None or beside.position is None:
         return None
-    inside = (gnss.time_ns >= last.time_ns[0]) & (gnss.time_ns <= last.time_ns[-1])
-    rows = np.flatnonzero(inside & gnss.has_position)
+    when_ns = gnss.time_ns - late_ns
+    inside = (when_ns >= beside.time_ns[0]) & (when_ns <= beside.time_ns[-1])
+    rows = np.flatnonzero(inside & gnss.has_position)[-1:]
     if not len(rows):
         return None
-    k = int(rows[-1])
-    seconds = (last.time_ns - last.time_ns[0]) * 1e-9
-    at = float(gnss.time_ns[k] - last.time_ns[0]) * 1e-9
-    track = last.position.copy()
-    track[:, 1] = np.unwrap(track[:, 1])
-    ours = np.array([np.interp(at, seconds, column) for column in track.T])
-    fix = np.array([gnss.latitude[k], gnss.longitude[k], gnss.height[k]])
-    off = ours - fix
-    north, east = horizontal_metres(off[0], wrapped(off[1]), ours[0], ours[2])
+    seconds = (when_ns[rows] - beside.time_ns[0]) / SECOND
+    north, east, down = errors_at_fixes(gnss.rows(rows), seconds, beside, arm_b)[0][0].tolist()
     return GnssDifference(
-        time_ns=int(gnss.time_ns[k]),
-        north_m=float(north),
-        east_m=float(east),
-        up_m=float(off[2]) if np.isfinite(fix[2]) else None,
+        time_ns=int(gnss.time_ns[rows[0]]),
+        north_m=-north,
+        east_m=-east,
+        up_m=down if np.isfinite(down) else None,
     )
 
 

@@ -338,12 +338,12 @@ class AttitudeSmoothing:
 
 @dataclass(frozen=True)
 class GnssDifference:
-    """Position less that of the last fix.
+    """Position less that of the last fix, which is of the antenna, and as late as it is stated.
 
     Attributes
     ----------
     time_ns : int
-        Of the fix.
+        Stamp of the fix.
     north_m, east_m : float
         Horizontal difference.
     up_m : float or None
