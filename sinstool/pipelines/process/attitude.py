@@ -17,6 +17,7 @@ from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.mode import (
     BytesRead,
     Mode,
+    before_alignment,
     odometry_frames,
     require_gravity,
     sample_settings,
@@ -112,6 +113,7 @@ class AttitudeMode(Mode):
             for one in warned("alignment", alignment.warnings)
             if self._smoothing is None or not one.text.startswith(NOT_STILL)
         ]
+        findings += before_alignment(self.source, alignment)
         if vertical is not None:
             findings += vertical.findings()
         findings += warned("coning", settings.algorithm.caveats(settings.gyro_kind))

@@ -28,6 +28,7 @@ from sinstool.pipelines.process.ins_start import errors_at_fixes, start_state
 from sinstool.pipelines.process.mode import (
     BytesRead,
     Mode,
+    before_alignment,
     odometry_frames,
     require_gravity,
     sample_settings,
@@ -143,6 +144,7 @@ class InsMode(Mode):
             findings=(
                 *(baro.findings if damped_by_baro else ()),
                 *warned("alignment", alignment.warnings),
+                *before_alignment(self.source, alignment),
                 *_rotated(alignment),
                 *gap_findings(self.source, run.first_ns, settings.gyro_bias),
                 *warned("navigation", texts),

@@ -8,9 +8,11 @@ from typing import Any
 
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import DataError
-from sinstool.core.finding import Finding
+from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Diagnostics, Solution
+from sinstool.core.timeline import SECOND
 from sinstool.io.writers.solution_topics import Frames
+from sinstool.methods.alignment.initial import Alignment
 from sinstool.pipelines.align.first_attitude import rest_held
 from sinstool.pipelines.plan import Plan
 from sinstool.pipelines.process.summary import ModeResult, Sink
@@ -20,6 +22,10 @@ from sinstool.survey.source import Source, nominal_interval
 # m/s^2. No vehicle's median; beyond it a specific force is in mg or cm/s^2. (The survey counts
 # what is larger than 100 as 100.)
 MAX_SPECIFIC_FORCE = 90.0
+
+# More than this share of a log without a solution counts as lost, and less than so many seconds
+# as nothing.
+MOST_WITHOUT, BRIEF_S = 0.5, 1.0
 
 BytesRead = Callable[[int], None]
 
@@ -90,6 +96,33 @@ def sample_settings(source: Source, config: ProcessConfig, plan: Plan) -> dict[s
         "sample_rate": config.input.imu_rate,
         "still_until_ns": None if still is None else still.end_ns,
     }
+
+
+def before_alignment(source: Source, alignment: Alignment) -> list[Finding]:
+    """That the first attitude is that of a later time, and nothing is computed of what precedes.
+
+    Returns
+    -------
+    list of Finding
+        One, lost if that is most of the log, where it is a second or more.
+    """
+    survey, begin_ns = source.survey, alignment.time_ns
+    without_s = (begin_ns - survey.first_ns) / SECOND
+    if without_s < BRIEF_S:
+        return []
+    most = begin_ns - survey.first_ns > MOST_WITHOUT * (survey.last_ns - survey.first_ns)
+    return [
+        Finding(
+            "before-start",
+            f"the first {without_s:.2f} s have no solution, as the first attitude is that of a"
+            " later time and is not carried back to them",
+            Severity.LOST if most else Severity.WARNING,
+            "choose another first attitude: --align level, log or fixed",
+            "",
+            survey.first_ns,
+            begin_ns,
+        )
+    ]
 
 
 def warned(kind: str, texts: Sequence[str]) -> tuple[Finding, ...]:
