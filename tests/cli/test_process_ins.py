@@ -25,6 +25,7 @@ from tests.helpers.unseen_drives import (
     GRADES,
     T0,
     drive,
+    flight,
     record,
     sensor_errors,
     without_fixes,
@@ -182,6 +183,30 @@ def test_the_difference_to_the_last_fix_knows_of_latency_and_antenna(tmp_path, m
     off = json.loads(ran.stdout)["gnss_difference"]
     assert (int(off["time_ns"]) - T0) * 1e-9 == pytest.approx(data.fixes.seconds[-1], abs=1e-6)
     assert np.hypot(off["north_m"], off["east_m"]) < 0.3 and abs(off["up_m"]) < 0.3
+
+
+@pytest.mark.parametrize("mode", ["ins", "attitude"])
+def test_heights_of_gnss_are_those_of_the_antenna_and_late(tmp_path, mode):
+    """The height was held to the antenna's, 1.5 m above the IMU, and in a climb to one of before."""
+    lever = np.array([0.0, 0.0, -1.5])
+    truth = flight(11, 90.0)
+    perfect = sensor_errors(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    data = record(truth, perfect, 4, gnss_rate=5.0, sigma=1e-3, latency=1.2, lever=lever)
+    log, out = write(tmp_path / "log.mcap", data), tmp_path / "out.mcap"
+    angles = Rotation.from_matrix(truth.c_nb[0]).as_euler("ZYX", degrees=True)[::-1]
+    words = [
+        "process", str(log), "-o", str(out), "--mode", mode, "--gyro-kind", "mean-rate",
+        "--gyro-bias", "none", "--align", "fixed", "--height-damping", "gnss",
+        "--initial-attitude", ",".join(map(str, angles)),
+        "--lever-arm", "0,0,-1.5", "--gnss-latency", "1.2",
+    ]  # fmt: skip
+    words += ["--attitude", "inertial"] * (mode == "attitude")
+    assert CliRunner().invoke(cli, words).exit_code in (0, 3)
+    messages = [m for _, m in read_topic(out, "/sinstool/height")]
+    seconds = (np.array([stamp_ns(m) for m in messages]) - T0) * 1e-9
+    height = np.interp(seconds, truth.seconds, truth.height)
+    off = np.array([m.vector.x for m in messages]) - height
+    assert np.abs(off[seconds > 30.0]).max() < (0.3 if mode == "ins" else 0.7)
 
 
 @pytest.mark.parametrize("seconds", [60.0, 600.0, 5000.0])

@@ -42,7 +42,7 @@ class AttitudeMode(Mode):
             from sinstool.pipelines.process.vertical_channel import Vertical
 
             require_gravity(source, config)
-            self._vertical = Vertical(source, config)
+            self._vertical = Vertical(source, config, plan.alignment.q_nb)
             self.emits = (*self.emits, "height")
         self.frames = odometry_frames(source, plan, config)
         settings, earth = sample_settings(source, config, plan), earth_rate(source)

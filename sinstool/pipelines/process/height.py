@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.choices import log_choice
 from sinstool.core.errors import DataError, TopicError
 from sinstool.core.order_statistics import median
+from sinstool.core.rotation import rotate
 from sinstool.core.streams import Baro, BaroHeight, GnssEpochs
 from sinstool.core.timeline import SECOND
 from sinstool.methods.height.hangs import hung_rows
@@ -379,6 +380,25 @@ class Damping:
             ),
             imu_grade=self.grade,
         )
+
+
+def with_heights_of_imu(source: Source, config: ProcessConfig, q_nb: FloatArray) -> Source:
+    """The same, with GNSS heights that are those of the IMU, at the times when they were so.
+
+    Parameters
+    ----------
+    q_nb : ndarray, shape (4,)
+        First attitude, from which that of a vehicle differs by little more than its heading.
+    """
+    gnss, position, height = source.aiding.gnss, source.position, source.position[2]
+    if gnss is None:
+        return source
+    down = float(rotate(q_nb, np.array(config.gnss.lever_arm or (0.0, 0.0, 0.0)))[2])
+    late_ns = round((config.gnss.gnss_latency or 0.0) * SECOND)
+    gnss = replace(gnss, time_ns=gnss.time_ns - late_ns, height=gnss.height + down)
+    if height is not None and config.align.latitude is None:
+        position = (*position[:2], height + down)
+    return replace(source, aiding=replace(source.aiding, gnss=gnss), position=position)
 
 
 def damping(

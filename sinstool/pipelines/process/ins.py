@@ -20,7 +20,7 @@ from sinstool.methods.height.network import gravity_gradient
 from sinstool.methods.height.vertical import MAX_HOLD, beginning_quickly
 from sinstool.methods.strapdown.free_inertial import InsRun, InsSettings
 from sinstool.pipelines.plan import Plan
-from sinstool.pipelines.process.height import Damping, damping
+from sinstool.pipelines.process.height import Damping, damping, with_heights_of_imu
 from sinstool.pipelines.process.height_beside_gnss import HeightBesideGnss
 from sinstool.pipelines.process.height_events import height_warnings, untrusted_heights
 from sinstool.pipelines.process.height_lag import HeightLag
@@ -69,6 +69,7 @@ class InsMode(Mode):
         self.emits = ("imu", "attitude", "odometry", "fix", "tf")
         if config.vertical.height_damping != "off":
             self.emits = (*self.emits, "height")
+            source = with_heights_of_imu(source, config, plan.alignment.q_nb)
             self._damping, notes = damping(source, config, self._latitude, height)
             self._notes += notes
             self._height_beside = HeightBesideGnss(self._damping.reference, source.aiding.gnss)

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from sinstool.config import ProcessConfig
+from sinstool.core.arrays import FloatArray
 from sinstool.core.finding import Finding
 from sinstool.core.streams import Solution
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.height.vertical import VerticalChannel, upward_specific_force
-from sinstool.pipelines.process.height import damping
+from sinstool.pipelines.process.height import damping, with_heights_of_imu
 from sinstool.pipelines.process.height_beside_gnss import HeightBesideGnss
 from sinstool.pipelines.process.height_events import height_warnings, untrusted_heights
 from sinstool.pipelines.process.height_lag import HeightLag
@@ -32,6 +33,8 @@ class Vertical:
     ----------
     config : ProcessConfig
         With damping.
+    q_nb : ndarray, shape (4,)
+        First attitude.
 
     Raises
     ------
@@ -39,7 +42,8 @@ class Vertical:
         The log has no such heights.
     """
 
-    def __init__(self, source: Source, config: ProcessConfig) -> None:
+    def __init__(self, source: Source, config: ProcessConfig, q_nb: FloatArray) -> None:
+        source = with_heights_of_imu(source, config, q_nb)
         by_baro = config.vertical.height_damping == "baro"
         self._notes = [str(f) for f in source.aiding.barometer.findings] if by_baro else []
         latitude = source.latitude
