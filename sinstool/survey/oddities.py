@@ -33,6 +33,10 @@ HELD_SHARE = 0.05
 LEAST_GRAVITY = 0.7
 # Relative difference of --imu-rate from the rate of the stamps that is reported.
 OTHER_RATE = 0.05
+# Share of the samples of a rate that a log holds at least, and at most; and of its length by which
+# stamps and times of recording may differ.
+FEWEST_TAKEN, MOST_TAKEN = 0.25, 1.5
+OTHER_CLOCK = 0.2
 
 
 def oddities(survey: Survey, options: InputOptions) -> list[Finding]:
@@ -69,16 +73,31 @@ def _rate(s: Survey, options: InputOptions) -> Iterator[Finding]:
         )
     given = options.imu_rate
     if given is not None and s.count > 1 and abs(given / s.rate_hz - 1.0) > OTHER_RATE:
+        denied = _deny(s, given)
         yield Finding(
             "other-rate",
             f"--imu-rate is {given:.6g} Hz, but the stamps of topic {s.topic} show"
             f" {s.rate_hz:.6g} Hz: if they are right, rotations come out"
-            f" {s.rate_hz / given:.3g} times as large as they are",
+            f" {s.rate_hz / given:.3g} times as large as they are"
+            + (", and times of recording say so too: do not trust the result" * denied),
+            severity=Severity.LOST if denied else Severity.WARNING,
             answer="leave --imu-rate out, unless the stamps are wrong",
             numbers={"rate_hz": s.rate_hz},
         )
     if s.count == 1:
         yield Finding("one-sample", f"topic {s.topic} has only one usable sample")
+
+
+def _deny(s: Survey, rate_hz: float) -> bool:
+    """Whether so many samples cannot be those of a sensor with this rate, by two clocks.
+
+    A log may lack samples, but not hold more than there were.
+    """
+    seconds, (low, high) = (s.last_ns - s.first_ns) / SECOND, s.clock_offset_s
+    if high - low > OTHER_CLOCK * seconds:
+        return False
+    taken = s.count / (rate_hz * max(seconds, s.interval_ns / SECOND))
+    return not FEWEST_TAKEN < taken < MOST_TAKEN
 
 
 def _stamps(s: Survey) -> Iterator[Finding]:

@@ -169,6 +169,28 @@ def test_a_rate_that_is_not_that_of_the_stamps_is_reported(findings_of):
     assert "other-rate" not in findings_of(rows)
 
 
+@pytest.mark.parametrize(
+    ("rate", "pace", "severity"),
+    [
+        (1e6, 1.0, Severity.LOST),
+        (50.0, 1.0, Severity.LOST),
+        (0.005, 1.0, Severity.LOST),
+        # half of the samples may not be in the log
+        (200.0, 1.0, Severity.WARNING),
+        # of stamps that are not of the recorder's time nobody knows
+        (50.0, 2.0, Severity.WARNING),
+    ],
+)
+def test_a_rate_that_two_clocks_deny_is_not_to_be_trusted(findings_of, rate, pace, severity):
+    """It was ten thousand times the true one, and the status was 0."""
+    times = even_times(600, 100.0)
+    log_ns = times[0] + ((times - times[0]) * pace).astype(np.int64)
+    rows = imu_messages(times, *resting(600), log_ns=log_ns)
+    odd = findings_of(rows, imu_rate=rate)["other-rate"]
+    assert odd.severity is severity
+    assert ("do not trust" in odd.text) == (severity is Severity.LOST)
+
+
 @pytest.mark.parametrize("rate", [1.0, 4.0, 9.0])
 def test_slow_topics_are_refused(findings_of, rate):
     times = even_times(60, rate)
