@@ -17,6 +17,7 @@ from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
 from sinstool.methods.alignment import initial
 from sinstool.methods.alignment.initial import Alignment, off_level, tilted
+from sinstool.methods.alignment.preparation import BRIDGED_NS
 from sinstool.methods.alignment.still import StillSpan
 from sinstool.methods.sensor_errors import Grade
 from sinstool.survey.grade import sensor_grade
@@ -228,7 +229,8 @@ def _carried_back(
     """Attitude and covariance at a time, or at the original time if that cannot be reached.
 
     It cannot if the IMU has a gap in between, or if the sigma, rad, would exceed the limit: the
-    gyros carry it back, and the sigma grows by their biases.
+    gyros carry it back, and the sigma grows by their biases. Where nothing limits it, gaps are
+    crossed that an alignment crosses, too: the sigma grows by what may have happened there.
     """
     result = moving.result
     if result.t_ns == time_ns:
@@ -238,7 +240,8 @@ def _carried_back(
     from sinstool.pipelines.align.in_motion import increments
 
     imu = increments(source, config, moving.refined_bias, result.t_ns, time_ns)
-    if not len(imu) or (np.diff(imu.time_ns) > source.survey.max_gap_ns).any():
+    longest_ns = max(source.survey.max_gap_ns, 0 if np.isfinite(most_sigma) else BRIDGED_NS)
+    if not len(imu) or (np.diff(imu.time_ns) > longest_ns).any():
         return result.t_ns, result.q_nb, result.cov
     q_nb, covariance = moving.carried_back(imu)
     if np.sqrt(np.diag(covariance).max()) > most_sigma:

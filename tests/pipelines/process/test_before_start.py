@@ -6,10 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from sinstool.core.finding import Severity
 from sinstool.pipelines.process.mode import before_alignment
-from tests.helpers.unseen_drives import GRADES, T0, drive, record, write
+from tests.helpers.imulogs import in_log_axes, read_attitude
+from tests.helpers.unseen_drives import GRADES, LEVER, T0, drive, record, write
 
 
 @pytest.mark.parametrize(
@@ -44,3 +46,25 @@ def test_a_first_attitude_beyond_a_gap_is_told(tmp_path, sinstool, mode):
     assert without > 35 * 200
     assert "the first 40.05 s have no solution" in finding["text"]
     assert (status, finding["severity"]) == (0, "warning")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_first_attitude_is_carried_back_over_a_few_lost_samples(tmp_path, sinstool, seed):
+    """Of 0.06 s without samples in the middle of a log, its first half had no attitude."""
+    truth = drive(seed, 120.0, rest=0.0)
+    data = record(truth, GRADES["industrial"], seed, gnss_rate=5.0, sigma_v=0.05)
+    kept = np.abs(data.seconds - 40.0) > 0.03
+    columns = {name: getattr(data, name)[kept] for name in ("seconds", "gyro", "accel")}
+    log, out = write(tmp_path / "log.mcap", replace(data, **columns)), tmp_path / "out.mcap"
+    words = ["--mode", "ins", "--align", "svd", "--gyro-kind", "mean-rate", "--json"]
+    words += ["--lever-arm", ",".join(map(str, LEVER))]
+    _, printed, _ = sinstool("process", log, "-o", out, *words)
+    printed = json.loads(printed)
+    assert not [f for f in printed["findings"] if f["kind"] == "before-start"]
+    assert printed["output"]["attitudes"] == printed["imu"]["n"]
+    _, q = read_attitude(out)
+    true = in_log_axes(Rotation.from_matrix(truth.c_nb[:1]).as_quat(scalar_first=True))
+    off = (Rotation.from_quat(q[:1]) * true.inv()).as_rotvec(degrees=True)[0]
+    # of ENU in the order of NED
+    sigma = np.array(printed["alignment"]["sigma_deg"])[[1, 0, 2]]
+    assert np.abs(off / sigma).max() < 3.5
