@@ -354,8 +354,8 @@ def denied_angles(
         return []
     text = (
         f"at {counted(len(when), 'sample')} from {when.min():.1f} to {when.max():.1f} s the gyros"
-        f" deny the encoder's angle, by up to {by.max() / DEGREE:.2f} deg: it hung or leapt, or a"
-        f" clock was set{so}"
+        f" deny the encoder's angle, by up to {by.max() / DEGREE:.2f} deg: it hung or leapt, a"
+        f" clock was set, or the base was turned{so}"
     )
     return [
         Finding(
