@@ -333,14 +333,15 @@ def angles_at_stamps(rig_log: RigLog, rig: Rig, turns: RigTurns) -> list[Stamped
 
 
 def denied_angles(
-    rig_log: RigLog, turns: RigTurns, angles: Sequence[StampedAngle], so: str = ""
+    rig_log: RigLog, turns: RigTurns, angles: Sequence[StampedAngle], withheld: bool = False
 ) -> list[Finding]:
     """That the gyros deny the encoder at some samples of a log, if so.
 
     Parameters
     ----------
-    so : str, optional
-        What follows from it.
+    withheld : bool, optional
+        Attitudes are, so that something is lost; what is measured over turns leaves the stretches
+        out in which the encoder does not go on steadily.
     """
     seconds: list[FloatArray] = []
     off: list[FloatArray] = []
@@ -354,14 +355,15 @@ def denied_angles(
         return []
     text = (
         f"at {counted(len(when), 'sample')} from {when.min():.1f} to {when.max():.1f} s the gyros"
-        f" deny the encoder's angle, by up to {by.max() / DEGREE:.2f} deg: it hung or leapt, a"
-        f" clock was set, or the base was turned{so}"
+        f" deny the encoder's angle, by up to {by.max() / DEGREE:.2f} deg: it hung or leapt, gives"
+        " too few readings, a clock was set, or the base was turned"
+        + ("; they get no attitude" * withheld)
     )
     return [
         Finding(
             "encoder",
             text,
-            Severity.LOST,
+            Severity.LOST if withheld else Severity.WARNING,
             "look at the encoder and its stamps",
             topic=rig_log.encoder_counts.topic,
             numbers={"samples": float(len(when))},

@@ -187,7 +187,7 @@ def test_the_difference_to_the_last_fix_knows_of_latency_and_antenna(tmp_path, m
 
 @pytest.mark.parametrize("mode", ["ins", "attitude"])
 def test_heights_of_gnss_are_those_of_the_antenna_and_late(tmp_path, mode):
-    """The height was held to the antenna's, 1.5 m above the IMU, and in a climb to one of before."""
+    """The height was held to the antenna's, 1.5 m above the IMU, and lagged in a climb."""
     lever = np.array([0.0, 0.0, -1.5])
     truth = flight(11, 90.0)
     perfect = sensor_errors(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -103,7 +103,7 @@ def process_turntable(
     lost = _lost(log, samples)
     warnings += [*rig.remarks(), *_remarks(turns, alignments, corrected)]
     without = len(samples.imu) - int(np.count_nonzero(samples.made)) - attitudes
-    denied = denied_angles(samples, turns, angles, "; they get no attitude")
+    denied = denied_angles(samples, turns, angles, withheld=True)
     without -= sum(int(finding.numbers["samples"]) for finding in denied)
     if without:
         warnings.append(
