@@ -149,7 +149,7 @@ def unsmoothed(gnss: GnssEpochs, time_s: float) -> GnssEpochs:
     Parameters
     ----------
     time_s : float
-        Time constant of the smoothing, s.
+        Time constant of the smoothing, s; 0 leaves them as they are.
 
     Returns
     -------
@@ -157,6 +157,8 @@ def unsmoothed(gnss: GnssEpochs, time_s: float) -> GnssEpochs:
         Without velocities where the one before is missing. Their sigmas stay as they are: a
         receiver may state those of what it smooths.
     """
+    if time_s == 0.0:
+        return gnss
     rows = np.flatnonzero(gnss.has_velocity)
     steps = np.diff(gnss.time_ns[rows]) / SECOND
     kept = np.exp(-steps / time_s)[:, None]

@@ -114,7 +114,7 @@ def _smoothing(
         found = smoothing(times, velocity_n, shown.time_ns, shown.velocity_n)
         settled = abs(found.time_s - best.time_s) <= SETTLED * found.time_s
         best = found
-        if settled:
+        if settled or best.time_s == 0.0:
             break
         fixes = unsmoothed(gnss, best.time_s)
     return best
