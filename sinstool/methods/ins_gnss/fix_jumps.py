@@ -40,7 +40,7 @@ REFUTED = 4.0
 # Stretches that agree are right if they hold this share of the epochs; else none is known to be
 # right.
 MAJORITY = 0.55
-_NORMAL = 1.538  # median of the length of three unit normals
+NORMAL = 1.538  # median of the length of three unit normals
 
 
 @dataclass(frozen=True)
@@ -82,11 +82,9 @@ def false_stretches(
     """
     if len(time_ns) <= AROUND:
         return []
-    seconds = np.diff(time_ns) * 1e-9
     step = innovation[1:] - left[:-1] * innovation[:-1]
     step = step - running_median(step, AROUND)
-    near = seconds <= min(max(MOST_INTERVALS * float(np.median(seconds)), LOST_S), MOST_S)
-    near &= np.linalg.norm(step, axis=1) <= MOST_M
+    near = successive(time_ns, step)
     jump, scale = _jumps(step, near)
     if not jump.any() or np.median(scale) > PRECISE_M:
         return []
@@ -104,11 +102,21 @@ def false_stretches(
     return found
 
 
+def successive(time_ns: IntArray, step: FloatArray) -> BoolArray:
+    """Which changes `step`, m, shape (n - 1, 3), are those from one epoch to the next, and small.
+
+    Behind an outage a navigation has drifted; a single outlier of more than `MOST_M` says nothing.
+    """
+    seconds = np.diff(time_ns) * 1e-9
+    near = seconds <= min(max(MOST_INTERVALS * float(np.median(seconds)), LOST_S), MOST_S)
+    return np.asarray(near & (np.linalg.norm(step, axis=1) <= MOST_M))
+
+
 def _jumps(step: FloatArray, near: BoolArray) -> tuple[BoolArray, FloatArray]:
     """Which changes are jumps, and the scatter of the others about each, m."""
     size = np.where(near, np.linalg.norm(step, axis=1), 0.0)
     usual = float(np.median(size[near])) if near.any() else 0.0
-    scale = np.maximum(running_median(size, AROUND), usual) / _NORMAL
+    scale = np.maximum(running_median(size, AROUND), usual) / NORMAL
     around = np.pad(size, 1)
     beside = np.maximum(around[:-2], around[2:])
     limit = np.maximum(SIGMAS * scale, LEAST_M)

@@ -8,7 +8,7 @@ outage are left out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
 from sinstool.methods.ins_gnss.fix_jumps import PRECISE_M, FalseStretch, false_stretches
 from sinstool.methods.ins_gnss.fix_velocity import message_times, worse_than_usual
+from sinstool.methods.ins_gnss.scattered_fixes import ScatteredStretch, scattered_stretches
 from sinstool.methods.ins_gnss.settings import GnssModel
 from sinstool.pipelines.process.ins_gnss.filter_settings import receiver_stated
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
@@ -41,6 +42,16 @@ from sinstool.survey.source import Source
 POSITION, VELOCITY = (1.0, 1.0, 1.6), (0.3, 0.3, 0.5)
 MOST_NAMED = 5
 KIND = "false-fixes"
+
+
+@dataclass(frozen=True)
+class _WrongFixes:
+    """Fixes off by more than their receiver states, by stamp, ns, and by how much, m."""
+
+    begin_ns: int
+    end_ns: int
+    off_m: float
+    how: str
 
 
 def find_false_fixes(
@@ -72,11 +83,11 @@ def find_false_fixes(
     if not stretches:
         return source, first, findings
     sigma = gnss.sigma_position_n.copy()
-    for begin_ns, end_ns, stretch in stretches:
-        inside = gnss.has_position & (gnss.time_ns >= begin_ns) & (gnss.time_ns <= end_ns)
+    for one in stretches:
+        inside = gnss.has_position & (gnss.time_ns >= one.begin_ns) & (gnss.time_ns <= one.end_ns)
         # All of them have the same error, which counts once however long it lasts
-        lasts = max((end_ns - begin_ns) / SECOND / WORSE_S, 1.0)
-        sigma[inside] = np.maximum(sigma[inside], np.sqrt(lasts) * stretch.off_m)
+        lasts = max((one.end_ns - one.begin_ns) / SECOND / WORSE_S, 1.0)
+        sigma[inside] = np.maximum(sigma[inside], np.sqrt(lasts) * one.off_m)
     source, first, begun_anew = _with_fixes(
         source, config, first, replace(gnss, sigma_position_n=sigma)
     )
@@ -131,8 +142,8 @@ def _precise(gnss: GnssEpochs) -> bool:
 
 def _stretches(
     source: Source, config: ProcessConfig, algorithm: ConingAlgorithm, start: FilterStart
-) -> list[tuple[int, int, FalseStretch]]:
-    """First and last stamp of each stretch that is off, ns, and by how much."""
+) -> list[_WrongFixes]:
+    """Stretches of fixes that are off together, and of those that scatter."""
     settings = replace(
         start.settings.ungated,
         filter="plain-15",
@@ -161,8 +172,27 @@ def _stretches(
     stamps = message_times(used, start.lag)[row]
     # As the receiver states it, without the changes made for a start
     stated = gnss.sigma_position_n[np.searchsorted(gnss.time_ns, stamps)]
-    found = false_stretches(stamps, innovation, left, stated)
-    return [(int(stamps[one.first]), int(stamps[one.last]), one) for one in found]
+    scattered = scattered_stretches(stamps, innovation, left, stated)
+    found: list[FalseStretch | ScatteredStretch] = [*scattered]
+    for one in false_stretches(stamps, innovation, left, stated):
+        if not any(wide.first <= one.first and one.last <= wide.last for wide in scattered):
+            found.append(one)
+    wrong = [
+        _WrongFixes(int(stamps[one.first]), int(stamps[one.last]), one.off_m, _how(one))
+        for one in found
+    ]
+    return sorted(wrong, key=lambda one: one.begin_ns)
+
+
+def _how(stretch: FalseStretch | ScatteredStretch) -> str:
+    """What is wrong with fixes."""
+    if isinstance(stretch, ScatteredStretch):
+        scatter = f"scatter by {stretch.scatter_m:.2g} m"
+        if stretch.off_m > stretch.scatter_m:
+            return f"{scatter} and are {stretch.off_m:.2g} m off from those beside them"
+        return scatter
+    others = "those beside them" if stretch.sure else "others, and nothing shows which is right"
+    return f"are {stretch.off_m:.2g} m off from {others}"
 
 
 def _repeated(gnss: GnssEpochs) -> np.ndarray:
@@ -171,25 +201,24 @@ def _repeated(gnss: GnssEpochs) -> np.ndarray:
     return np.concatenate([[False], same])
 
 
-def _findings(stretches: Sequence[tuple[int, int, FalseStretch]], first_ns: int) -> list[Finding]:
+def _findings(stretches: Sequence[_WrongFixes], first_ns: int) -> list[Finding]:
     """A finding for each stretch, up to `MOST_NAMED`."""
     findings = []
-    for begin_ns, end_ns, stretch in stretches[:MOST_NAMED]:
-        seconds = [(time - first_ns) / SECOND for time in (begin_ns, end_ns)]
-        others = "those beside them" if stretch.sure else "others, and nothing shows which is right"
+    for one in stretches[:MOST_NAMED]:
+        seconds = [(time - first_ns) / SECOND for time in (one.begin_ns, one.end_ns)]
         findings.append(
             Finding(
                 KIND,
-                f"fixes from {seconds[0]:.1f} to {seconds[1]:.1f} s are {stretch.off_m:.2g} m off"
-                f" from {others}, far more than the receiver states: this is used as their sigma",
-                start_ns=begin_ns,
-                end_ns=end_ns,
-                numbers={"off_m": stretch.off_m},
+                f"fixes from {seconds[0]:.1f} to {seconds[1]:.1f} s {one.how}, far more than the"
+                " receiver states: this is used as their sigma",
+                start_ns=one.begin_ns,
+                end_ns=one.end_ns,
+                numbers={"off_m": one.off_m},
             )
         )
     if len(stretches) > MOST_NAMED:
         rest = stretches[MOST_NAMED:]
-        last = (rest[-1][0] - first_ns) / SECOND
+        last = (rest[-1].begin_ns - first_ns) / SECOND
         findings.append(
             Finding(KIND, f"{len(rest)} more such stretches follow, the last from {last:.1f} s on")
         )

@@ -22,7 +22,7 @@ from tests.helpers.unseen_drives import (
 SIGMA = 0.02
 
 
-def recorded(seed, truth, spans, sigma_v=None, rate=5.0):
+def recorded(seed, truth, spans, sigma_v=None, rate=5.0, scatter=0.03):
     """A log whose fixes are wrong in some spans, each by another metre or two."""
     data = record(truth, GRADES["industrial"], seed, gnss_rate=rate, sigma=SIGMA, sigma_v=sigma_v)
     random, fixes = np.random.default_rng([seed, 21]), data.fixes
@@ -31,7 +31,7 @@ def recorded(seed, truth, spans, sigma_v=None, rate=5.0):
         inside = (fixes.seconds >= begin) & (fixes.seconds < end)
         way = random.standard_normal(3) * [1.0, 1.0, 1.5]
         off[inside] = way * random.uniform(1.0, 2.5) / np.linalg.norm(way)
-        off[inside] += 0.03 * random.standard_normal((np.count_nonzero(inside), 3))
+        off[inside] += scatter * random.standard_normal((np.count_nonzero(inside), 3))
     place = moved(fixes.latitude, fixes.longitude, fixes.height, off)
     latitude, longitude, height = place
     return replace(
@@ -78,6 +78,24 @@ def test_fixes_that_are_off_for_a_while(tmp_path, case, smooth):
             seconds = [(int(finding[name]) - T0) * 1e-9 for name in ("start_ns", "end_ns")]
             assert seconds == pytest.approx([begin, end], abs=0.41)
         assert most < 5.0 and usual < 1.7
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("smooth", [False, True])
+@pytest.mark.parametrize("case", ["velocities", "multicopter", "to the end"])
+def test_fixes_that_scatter_and_are_off_for_a_while(tmp_path, case, smooth):
+    """Averaged as white noise they would make a position of centimetres, metres off."""
+    make, spans, sigma_v = CASES[case]
+    for seed in range(3):
+        truth = make(seed, 220.0, rest=20.0) if make is drive else make(seed, 220.0)
+        data = recorded(seed, truth, spans, sigma_v, scatter=0.5)
+        log = write(tmp_path / "log.mcap", data)
+        result, solution = run(
+            log, gnss={"lever_arm": tuple(LEVER.tolist())}, filter={"smooth": smooth}
+        )
+        most, usual = worst(data, solution)
+        assert [f for f in result["findings"] if f["kind"] == "false-fixes"]
+        assert most < 6.0 and usual < 2.0
 
 
 @pytest.mark.slow
