@@ -15,8 +15,10 @@ from sinstool.survey.velocity import usual_noise
 LEAST_ALIKE = 3
 # A receiver that holds its position at rest lets go of it by a few of its sigmas, and slowly; one
 # that hangs leaps: so many sigmas, so many times what it then moves from fix to fix, and so fast in
-# the mean, m/s.
+# the mean, m/s. A leap by so many sigmas, and so many m, is none of a receiver that knew its place,
+# however long it held it.
 LEAP_SIGMAS, LEAP_STEPS, LEAP_SPEED = 5.0, 3.0, 0.3
+FAR_SIGMAS, FAR_M = 50.0, 5.0
 # A velocity is not the one that it repeats if the way is another by such a share of it.
 OFF_SHARE = 0.25
 # What a clock makes is nearly always equally far apart, to one fix or this share: the tenth and the
@@ -107,7 +109,7 @@ def stuck_fixes(fixes: Gnss) -> BoolArray:
         (count >= LEAST_ALIKE)
         & (leap > LEAP_SIGMAS * usual_noise(fixes))
         & (leap > LEAP_STEPS * step)
-        & (leap > LEAP_SPEED * seconds)
+        & (leap > np.minimum(LEAP_SPEED * seconds, max(FAR_SIGMAS * usual_noise(fixes), FAR_M)))
     )
     for a, b in zip(begin[hangs], after[hangs], strict=True):
         stuck[a + 1 : b] = True

@@ -65,6 +65,22 @@ def test_a_receiver_that_holds_its_position_at_rest_is_not_stuck():
     assert not stuck_fixes(track(way)).any()
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_one_that_hangs_for_long_while_its_vehicle_goes_to_and_fro_leaps_far(seed):
+    """A digger that ends 8 m from where its receiver hung for 42 s: 0.2 m/s in the mean."""
+    way = noisy(
+        np.concatenate([0.5 * np.arange(100), np.full(42, 50.0), 58.0 + np.zeros(60)]), seed, 0.05
+    )
+    way[100:142] = way[100]
+    assert np.array_equal(np.flatnonzero(stuck_fixes(track(way, 1.0, 0.05))), np.arange(101, 142))
+    # For a receiver of a metre this may be rest
+    way = noisy(
+        np.concatenate([0.5 * np.arange(100), np.full(42, 50.0), 58.0 + np.zeros(60)]), seed
+    )
+    way[100:142] = way[100]
+    assert not stuck_fixes(track(way, 1.0, 1.0)).any()
+
+
 def test_alike_up_to_the_end_is_rest():
     way = np.concatenate([noisy(10.0 * np.arange(50), 1), np.full(50, 500.0)])
     assert not stuck_fixes(track(way)).any()

@@ -24,6 +24,10 @@ TOO_MANY_REJECTED = "fixes-disbelieved"
 # innovations are on both sides; so many in a row whose mean is this many times their scatter are
 # not noise.
 FAR_NOISIER, LEAST_RUN, ONE_SIDED = 100.0, 5, 3.0
+# After many rejected fixes in a row one is used. If it was the fixes that were wrong, it is near.
+# One so many sigmas away (squared, for each number of the fix), and by this share as far as the last
+# that was rejected, did not come back to the filter: the filter's sigmas grew.
+STILL_SIGMAS, STILL_SHARE = 3.0, 0.5
 
 
 def untrusted(
@@ -144,6 +148,7 @@ def _stretches(gnss: GnssDiagnostics, events: Sequence[FilterEvent]) -> list[tup
             continue
         spans.append((begin, end, gap))
     spans += [(begin, end, False) for begin, end in _to_one_side(gnss)]
+    spans += [(begin, end, False) for begin, end in _still_far(gnss)]
     return _merged(sorted(spans))
 
 
@@ -177,6 +182,26 @@ def _to_one_side(gnss: GnssDiagnostics) -> list[tuple[int, int]]:
     return spans
 
 
+def _still_far(gnss: GnssDiagnostics) -> list[tuple[int, int]]:
+    """Begin and end of rejections that ended as sigmas grew, with a fix as far off as the others.
+
+    They begin with the fix that was used last before.
+    """
+    rows = np.flatnonzero(np.isfinite(gnss.innovation[:, :2]).all(axis=1) & ~gnss.withheld)
+    edges = np.flatnonzero(np.diff(gnss.gated[rows], prepend=False, append=False))
+    spans = []
+    for first, after in zip(edges[::2], edges[1::2], strict=True):
+        if after - first < LEAST_RUN or after == len(rows):
+            continue
+        last, now = rows[after - 1], rows[after]
+        far, still = np.linalg.norm(gnss.innovation[[last, now], :2], axis=1)
+        if gnss.restarted[now] or gnss.nis[now] < STILL_SIGMAS * gnss.rows[now]:
+            continue
+        if still > STILL_SHARE * far:
+            spans.append((int(gnss.time_ns[rows[max(first - 1, 0)]]), int(gnss.time_ns[now])))
+    return spans
+
+
 def _last_accepted(gnss: GnssDiagnostics, event: FilterEvent) -> int:
     """Time at which a fix was used last before a filter restarted.
 
@@ -198,7 +223,8 @@ def _stretch(
     why = (
         "the IMU has a gap, after which the filter restarted"
         if gap
-        else "fixes were far off, until the filter restarted or agreed with them again"
+        else "fixes were far off, until the filter restarted or agreed with them again; if"
+        " the fixes are right, the solution was already going wrong before"
     )
     seconds = [(time - first_ns) / SECOND for time in (begin, end)]
     return Finding(

@@ -96,6 +96,26 @@ def test_fixes_that_a_diverged_filter_takes_for_noise(to_one_side):
         assert far[1] == pytest.approx(192.0)
 
 
+@pytest.mark.parametrize("still_far", [True, False])
+def test_a_filter_whose_sigmas_grow_until_it_takes_fixes_that_are_as_far_as_ever(still_far):
+    """It had followed a receiver that was wrong: 10 m off for 25 s, status 0."""
+    gnss = epochs(gated=range(80, 95))
+    gnss.innovation[:, :3] = 0.01
+    gnss.innovation[80:95, :3] = [8.0, -6.0, 1.0]
+    if still_far:
+        gnss.innovation[95, :3], gnss.nis[95] = [7.0, -6.0, 1.0], 15.0
+    findings = untrusted(gnss, [], 1.0, 0)
+    assert exit_status(findings) == (3 if still_far else 0)
+    if still_far:
+        assert (findings[0].start_ns, findings[0].end_ns) == (79 * SECOND, 95 * SECOND)
+        [(_, _, far)] = doubts(gnss, [])
+        assert far[0] == 8.0
+    # At the end of a log nothing is known
+    cut = epochs(gated=range(80, 200))
+    cut.innovation[:, :3] = 0.01
+    assert doubts(cut, []) == []
+
+
 def test_smoothed_sigmas_admit_a_doubted_stretch():
     gnss = epochs(gated=range(80, 95))
     gnss.innovation[80:95, :3] = [30.0, -40.0, 5.0]
