@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sinstool.core.arrays import BoolArray, IntArray
+from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.earth import horizontal_metres
 from sinstool.core.order_statistics import quantile
 from sinstool.core.rotation import wrapped
@@ -46,7 +46,8 @@ def sent_again(fixes: Gnss) -> tuple[BoolArray, float]:
         How often it usually sends one.
     """
     again = np.zeros(len(fixes), dtype=np.bool_)
-    first = np.flatnonzero(np.append(True, ~_alike(fixes)))
+    alike = _alike(fixes.latitude, fixes.longitude, fixes.height)
+    first = np.flatnonzero(np.append(True, ~alike))
     # A driver that sends its latest fix by a clock of its own sends nearly all equally often
     apart = evenly_apart(first)
     if apart is None or apart[2] < 2.0:
@@ -87,14 +88,15 @@ def stuck_fixes(fixes: Gnss) -> BoolArray:
     Returns
     -------
     ndarray of bool
-        The first of a row of fixes that are alike is a fix, and so are all in a row at whose end
+        The first of a row of fixes at the same place is a fix, and so are all in a row at whose end
         the receiver goes on from where it was, which is how one at rest behaves. What is alike up
-        to the end of the log is not told from rest.
+        to the end of the log is not told from rest. Heights may change, as those of a receiver that
+        has them from elsewhere do.
     """
     stuck = np.zeros(len(fixes), dtype=np.bool_)
     if len(fixes) < LEAST_ALIKE + 1:
         return stuck
-    first = np.flatnonzero(np.append(True, ~_alike(fixes)))
+    first = np.flatnonzero(np.append(True, ~_alike(fixes.latitude, fixes.longitude)))
     after = first[1:]  # a row of fixes that are alike ends before each of these
     begin, count = first[:-1], np.diff(first)
     steps = np.hypot(
@@ -117,8 +119,8 @@ def stuck_fixes(fixes: Gnss) -> BoolArray:
 
 
 def stuck_velocities(fixes: Gnss, stuck: BoolArray, velocity: Velocity) -> BoolArray:
-    """Velocities that are sent again while the fixes are, shape (m,)."""
-    again = np.append(False, (velocity.velocity_n[1:] == velocity.velocity_n[:-1]).all(axis=1))
+    """Velocities that are sent again while the fixes are, shape (m,), whatever their vertical."""
+    again = np.append(False, _alike(velocity.velocity_n[:, 0], velocity.velocity_n[:, 1]))
     before = np.searchsorted(fixes.time_ns, velocity.time_ns, side="right") - 1
     return np.asarray(again & (before >= 0) & stuck[np.maximum(before, 0)])
 
@@ -164,9 +166,9 @@ def stale_velocities(fixes: Gnss, velocity: Velocity) -> BoolArray:
     return stale
 
 
-def _alike(fixes: Gnss) -> BoolArray:
-    """Whether each fix but the first is the one before it, to the last bit."""
-    same = np.ones(len(fixes) - 1, dtype=np.bool_)
-    for column in (fixes.latitude, fixes.longitude, fixes.height):
+def _alike(*columns: FloatArray) -> BoolArray:
+    """Whether each row but the first is the one before it, to the last bit."""
+    same = np.ones(len(columns[0]) - 1, dtype=np.bool_)
+    for column in columns:
         same &= (column[1:] == column[:-1]) | (np.isnan(column[1:]) & np.isnan(column[:-1]))
     return same

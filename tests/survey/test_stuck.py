@@ -81,6 +81,17 @@ def test_one_that_hangs_for_long_while_its_vehicle_goes_to_and_fro_leaps_far(see
     assert not stuck_fixes(track(way, 1.0, 1.0)).any()
 
 
+def test_one_that_hangs_while_its_height_goes_on_is_stuck():
+    way = noisy(
+        np.concatenate([2.0 * np.arange(100), np.full(80, 200.0), 280.0 + np.arange(60)]), 1
+    )
+    way[100:180] = way[100]
+    fixes = track(way)
+    height = fixes.height + np.where(np.arange(len(way)) < 140, 0.0, 3.0)
+    stuck = stuck_fixes(replace(fixes, height=height))
+    assert np.array_equal(np.flatnonzero(stuck), np.arange(101, 180))
+
+
 def test_alike_up_to_the_end_is_rest():
     way = np.concatenate([noisy(10.0 * np.arange(50), 1), np.full(50, 500.0)])
     assert not stuck_fixes(track(way)).any()
@@ -133,7 +144,8 @@ def test_velocities_go_with_the_fixes_they_hang_with():
     way[20:30] = way[20]
     fixes = track(way)
     speed = np.stack([np.zeros(60), noisy(np.full(60, 10.0), 5), np.zeros(60)], axis=1)
-    speed[20:25] = speed[20]
+    speed[20:25, :2] = speed[20, :2]
+    speed[22:, 2] = 0.5  # its vertical part may be another receiver's
     velocity = Velocity(fixes.time_ns, fixes.log_time_ns, speed, np.zeros((60, 3, 3)))
     gone = stuck_velocities(fixes, stuck_fixes(fixes), velocity)
     assert np.array_equal(np.flatnonzero(gone), np.arange(21, 25))
