@@ -104,9 +104,11 @@ def _ends(size: FloatArray, near: BoolArray, usual: float, begin: int, end: int)
     least = sqrt(usual * float(np.median(size[begin:end])))
     low, high = max(begin - AROUND // 2, 0), min(end + AROUND // 2, len(size))
     large = low + np.flatnonzero((size[low:high] > least) & near[low:high])
-    # The first change leads to the first of them, if there is one before; the last one likewise
-    first = int(large[0]) + (1 if large[0] > 0 else 0)
-    return first, int(large[-1]) + (1 if large[-1] == len(size) - 1 else 0)
+    # Beside it may be epochs that cannot be compared: it ends at those known not to scatter
+    quiet = low + np.flatnonzero((size[low:high] <= least) & near[low:high])
+    before, after = quiet[quiet < large[0]], quiet[quiet > large[-1]]
+    first = int(before[-1]) + 2 if len(before) else low
+    return first, int(after[0]) - 1 if len(after) else high
 
 
 def _off(place: FloatArray, chain: IntArray, first: int, last: int) -> float:

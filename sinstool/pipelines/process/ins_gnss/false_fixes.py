@@ -177,11 +177,17 @@ def _stretches(
     for one in false_stretches(stamps, innovation, left, stated):
         if not any(wide.first <= one.first and one.last <= wide.last for wide in scattered):
             found.append(one)
-    wrong = [
-        _WrongFixes(int(stamps[one.first]), int(stamps[one.last]), one.off_m, _how(one))
-        for one in found
-    ]
-    return sorted(wrong, key=lambda one: one.begin_ns)
+    found.sort(key=lambda one: one.first)
+    return [_WrongFixes(*_stamps(one, stamps), one.off_m, _how(one)) for one in found]
+
+
+def _stamps(stretch: FalseStretch | ScatteredStretch, stamps: np.ndarray) -> tuple[int, int]:
+    """First and last stamp; among fixes that scatter are some that the filter did not take."""
+    first, last = int(stamps[stretch.first]), int(stamps[stretch.last])
+    if isinstance(stretch, ScatteredStretch):
+        first = int(stamps[stretch.first - 1]) + 1 if stretch.first else first
+        last = int(stamps[stretch.last + 1]) - 1 if stretch.last + 1 < len(stamps) else last
+    return first, last
 
 
 def _how(stretch: FalseStretch | ScatteredStretch) -> str:
