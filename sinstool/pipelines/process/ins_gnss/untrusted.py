@@ -194,6 +194,8 @@ def _still_far(gnss: GnssDiagnostics) -> list[tuple[int, int]]:
         if after - first < LEAST_RUN or after == len(rows):
             continue
         last, now = rows[after - 1], rows[after]
+        if gnss.time_ns[now] - gnss.time_ns[rows[first]] < STILL_S * SECOND:
+            continue
         far, still = np.linalg.norm(gnss.innovation[[last, now], :2], axis=1)
         if gnss.restarted[now] or gnss.nis[now] < STILL_SIGMAS * gnss.rows[now]:
             continue

@@ -110,6 +110,9 @@ def test_a_filter_whose_sigmas_grow_until_it_takes_fixes_that_are_as_far_as_ever
         assert (findings[0].start_ns, findings[0].end_ns) == (79 * SECOND, 95 * SECOND)
         [(_, _, far)] = doubts(gnss, [])
         assert far[0] == 8.0
+    # Not within a few seconds
+    gnss.time_ns[:] //= 10
+    assert untrusted(gnss, [], 1.0, 0) == []
     # At the end of a log nothing is known
     cut = epochs(gated=range(80, 200))
     cut.innovation[:, :3] = 0.01
