@@ -26,8 +26,9 @@ TOO_MANY_REJECTED = "fixes-disbelieved"
 FAR_NOISIER, LEAST_RUN, ONE_SIDED = 100.0, 5, 3.0
 # After many rejected fixes in a row one is used. If it was the fixes that were wrong, it is near.
 # One so many sigmas away (squared, for each number of the fix), and by this share as far as the
-# last that was rejected, did not come back to the filter: the filter's sigmas grew.
-STILL_SIGMAS, STILL_SHARE = 3.0, 0.5
+# last that was rejected, did not come back to the filter: the filter's sigmas grew. Within a few
+# seconds, those of a first turn, say, they grow as they should.
+STILL_SIGMAS, STILL_SHARE, STILL_S = 3.0, 0.5, 5.0
 
 
 def untrusted(

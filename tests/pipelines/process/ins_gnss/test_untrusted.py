@@ -1,5 +1,7 @@
 """Stretches that are not to be trusted are named, and decide how the command ends."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -110,13 +112,18 @@ def test_a_filter_whose_sigmas_grow_until_it_takes_fixes_that_are_as_far_as_ever
         assert (findings[0].start_ns, findings[0].end_ns) == (79 * SECOND, 95 * SECOND)
         [(_, _, far)] = doubts(gnss, [])
         assert far[0] == 8.0
-    # Not within a few seconds
-    gnss.time_ns[:] //= 10
-    assert untrusted(gnss, [], 1.0, 0) == []
     # At the end of a log nothing is known
     cut = epochs(gated=range(80, 200))
     cut.innovation[:, :3] = 0.01
     assert doubts(cut, []) == []
+
+
+def test_a_few_seconds_after_which_sigmas_have_grown_are_no_reason_to_distrust():
+    gnss = epochs(gated=range(80, 95))
+    gnss.innovation[:, :3] = 0.01
+    gnss.innovation[80:96, :3], gnss.nis[95] = [8.0, -6.0, 1.0], 15.0
+    assert len(doubts(gnss, [])) == 1
+    assert doubts(replace(gnss, time_ns=gnss.time_ns // 10), []) == []
 
 
 def test_smoothed_sigmas_admit_a_doubted_stretch():
