@@ -19,9 +19,9 @@ from sinstool.core.streams import Imu
 from sinstool.core.timeline import SECOND, mean_rates, means_with_lost
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
 from sinstool.io.readers.log import Log
-from sinstool.io.readers.message_types import FIX_TYPES
+from sinstool.io.readers.message_types import FIX_TYPES, SENSOR_TYPES
 from sinstool.io.readers.streams import ImuUnits, first_fix
-from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu
+from sinstool.io.readers.topics import NONE, ImuTopic, choose_imu, unread_topics
 from sinstool.io.readers.transforms import StaticRotation, in_vehicle, tf_parent
 from sinstool.survey.aiding import AidingData, aiding_channels, read_barometer
 from sinstool.survey.antenna import antenna_b
@@ -136,6 +136,10 @@ def prepare(
     if not topic.obvious:
         text = f"IMU topic {topic.topic}: {topic.reason}"
         findings.append(Finding("imu-topic", text, topic=topic.topic))
+    if not gyro_only:
+        for name, why in unread_topics(log, *SENSOR_TYPES).items():
+            text = f"not used, as it cannot be read: {why}"
+            findings.append(Finding("unread-topic", text, Severity.WARNING, topic=name))
     all_gnss = not gyro_only and needs_all_gnss(log, config)
     needs_baro = not gyro_only and may_need_barometer(log, config)
     needs_wheels = all_gnss and config.navigation.mode in ("auto", "ins-gnss")

@@ -70,6 +70,15 @@ class Channel:
         """Type in ROS 2 spelling, ``package/msg/Type``."""
         return normalise_type_name(self.type_name)
 
+    @cached_property
+    def readable(self) -> bool:
+        """Whether its messages can be decoded (see :meth:`definition`)."""
+        try:
+            self.definition(Path())
+        except UnsupportedLogError:
+            return False
+        return True
+
     def definition(self, path: Path) -> Definition:
         """Parsed definition.
 
@@ -230,14 +239,20 @@ class Log(ABC):
             self.recovered.update({number: counts.get(number, 0) for number in met})
 
     def channels_of(self, topic: str, *types: str) -> list[Channel]:
-        """All channels that carry a topic, or those of some types alone, by id."""
+        """All channels that carry a topic, or those of some types alone, by id.
+
+        Of those types only channels that can be read, if there are any.
+        """
         if self._topics_of != (id(self.channels), len(self.channels)):
             self._by_topic = {}
             for _, channel in sorted(self.channels.items()):
                 self._by_topic.setdefault(channel.topic, []).append(channel)
             self._topics_of = (id(self.channels), len(self.channels))
-        channels = self._by_topic.get(topic, ())
-        return [c for c in channels if not types or c.type in types]
+        channels = self._by_topic.get(topic, [])
+        if not types:
+            return list(channels)
+        suitable = [c for c in channels if c.type in types]
+        return [c for c in suitable if c.readable] or suitable
 
     def close(self) -> None:  # noqa: B027 - not every log holds something
         """Close files and free memory."""

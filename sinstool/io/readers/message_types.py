@@ -16,3 +16,12 @@ VELOCITY_TYPES = (
     "nav_msgs/msg/Odometry",
 )
 HEIGHT_TYPES = ("geometry_msgs/msg/PointStamped", "std_msgs/msg/Float64")
+# All that a run may choose by itself
+SENSOR_TYPES = (
+    IMU_TYPE,
+    *FIX_TYPES,
+    *VELOCITY_TYPES,
+    PRESSURE_TYPE,
+    MAGNETIC_TYPE,
+    JOINT_TYPE,
+)

@@ -42,25 +42,44 @@ class ImuTopic:
 
 
 def topics_of_type(log: Log, *types: str) -> dict[str, tuple[Channel, ...]]:
-    """Topics with channels of some types, and these; a topic may have others beside them."""
-    topics = dict.fromkeys(c.topic for _, c in sorted(log.channels.items()) if c.type in types)
-    return {topic: tuple(log.channels_of(topic, *types)) for topic in topics}
+    """Topics with channels of some types that can be read; a topic may have others beside them."""
+    channels = [c for _, c in sorted(log.channels.items()) if c.type in types and c.readable]
+    return {c.topic: tuple(log.channels_of(c.topic, *types)) for c in channels}
+
+
+def unread_topics(log: Log, *types: str) -> dict[str, str]:
+    """Topics of some types that cannot be read, and why; but for those that sinstool writes."""
+    read, unread = topics_of_type(log, *types), dict[str, str]()
+    for _, channel in sorted(log.channels.items()):
+        topic = channel.topic
+        if channel.type in types and topic not in read and not topic.startswith(OWN_PREFIXES):
+            try:
+                channel.definition(log.path)
+            except UnsupportedLogError as exc:
+                unread.setdefault(topic, exc.message.removeprefix(f"{log.path}: "))
+    return unread
 
 
 def imu_candidates(log: Log) -> list[ImuTopic]:
-    """Every topic with IMU data: plain IMU, types that nest an IMU, types with the same fields."""
+    """Every topic with IMU data: plain IMU, types that nest an IMU, types with the same fields.
+
+    Topics that cannot be read are among them only if there are no others.
+    """
     plain = [ImuTopic(t, c) for t, c in topics_of_type(log, IMU_TYPE).items()]
     nested, alike = [], []
     for topic in dict.fromkeys(c.topic for _, c in sorted(log.channels.items())):
         channels = tuple(log.channels_of(topic))
-        if any(c.type == IMU_TYPE for c in channels):
+        if any(c.type == IMU_TYPE and c.readable for c in channels):
             continue
         path = _nested_path(log, channels)
         if path:
             nested.append(ImuTopic(topic, channels, path))
         elif _like_an_imu(log, channels):
             alike.append(ImuTopic(topic, channels))
-    return plain + nested + alike
+    unread = dict.fromkeys(c.topic for _, c in sorted(log.channels.items()) if c.type == IMU_TYPE)
+    return plain + nested + alike or [
+        ImuTopic(t, tuple(log.channels_of(t, IMU_TYPE))) for t in unread
+    ]
 
 
 def _like_an_imu(log: Log, channels: tuple[Channel, ...]) -> bool:
@@ -182,10 +201,14 @@ def optional_topics(
     ------
     TopicError
         The named topic is missing or of another type.
+    UnsupportedLogError
+        It cannot be read.
     """
     topics = topics_of_type(log, *types)
     if name == NONE:
         return {}
+    if name is not None and (unread := log.channels_of(name, *types)) and name not in topics:
+        unread[0].definition(log.path)
     if name is None:
         topics = {t: c for t, c in topics.items() if t not in log.references}
         return {t: c for t, c in topics.items() if not t.startswith(OWN_PREFIXES)}

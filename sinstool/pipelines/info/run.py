@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sinstool.config import InputOptions, ProcessConfig
-from sinstool.core.errors import DataError, SinstoolError, TopicError
+from sinstool.core.errors import DataError, SinstoolError, TopicError, UnsupportedLogError
 from sinstool.core.progress import share
 from sinstool.io.readers import open_log
 from sinstool.io.readers.frames import turn_body
@@ -117,7 +117,7 @@ def inspect(
             judged = None if sampling is None else sampling.values
             try:
                 surveyed = survey_samples(log, topic, options, report, sampling, judged)
-            except DataError as exc:
+            except (DataError, UnsupportedLogError) as exc:
                 imus.append(result.UnusableImu(topic.topic, 0, exc.message))
                 continue
             imus.append(_describe(topic, surveyed[0], options))

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from sinstool.config import ProcessConfig
 from sinstool.core.errors import TopicError, UnsupportedLogError
 from sinstool.io.readers import open_log
 from sinstool.io.readers.message_types import FIX_TYPE
 from sinstool.io.readers.streams import ImuUnits, Losses, read_imu
-from sinstool.io.readers.topics import choose_imu, choose_optional, imu_candidates
+from sinstool.io.readers.topics import choose_imu, choose_optional, imu_candidates, unread_topics
+from sinstool.pipelines.info.run import inspect
 from tests.helpers.imulogs import (
     IMU,
     G,
@@ -259,6 +261,57 @@ def test_an_encoding_that_is_not_read_is_named(tmp_path):
         (only,) = imu_candidates(log)
         with pytest.raises(UnsupportedLogError, match="encoded as 'json'"):
             list(read_imu(log, only.channels, ImuUnits(), Losses()))
+
+
+def in_json(path, *channels):
+    """Add channels in JSON, of types that are also ROS messages, to the messages of a log."""
+    from mcap.reader import make_reader
+    from mcap.writer import Writer
+
+    with path.open("rb") as stream:
+        content = list(make_reader(stream).iter_messages())
+    with path.open("wb") as stream:
+        writer, numbers = Writer(stream), {}
+        writer.start()
+        for topic, name in channels:
+            schema = writer.register_schema(name, "jsonschema", b"{}")
+            writer.add_message(writer.register_channel(topic, "json", schema), 1, b"{}", 1)
+        for schema, channel, message in content:
+            if channel.id not in numbers:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                numbers[channel.id] = writer.register_channel(channel.topic, "cdr", number)
+            writer.add_message(numbers[channel.id], message.log_time, message.data, 1)
+        writer.finish()
+    return path
+
+
+def test_topics_that_cannot_be_read_are_left_aside(tmp_path):
+    path = write_log(tmp_path / "a.mcap", [fix("/fix", TIMES[0]), *imu("/imu")])
+    in_json(path, ("/imu", IMU), ("/a/imu", IMU), ("/fix", FIX_TYPE), ("/a/fix", FIX_TYPE))
+    with open_log(path) as log:
+        chosen = choose_imu(log, None)
+        assert chosen.topic == "/imu" and chosen.reason == "the only one with an IMU"
+        (block,) = read_imu(log, chosen.channels, ImuUnits(), Losses())
+        assert len(block) == len(TIMES)
+        assert [c.topic for c in choose_optional(log, "--gnss-topic", None, FIX_TYPE)] == ["/fix"]
+        with pytest.raises(UnsupportedLogError, match="topic /a/fix is encoded as 'json'"):
+            choose_optional(log, "--gnss-topic", "/a/fix", FIX_TYPE)
+        assert unread_topics(log, IMU, FIX_TYPE) == {
+            f"/a/{one}": f"topic /a/{one} is encoded as 'json'" for one in ("imu", "fix")
+        }
+
+
+def test_a_log_none_of_whose_topics_can_be_read_is_listed(tmp_path):
+    path = in_json(write_log(tmp_path / "a.mcap", []), ("/imu", IMU), ("/fix", FIX_TYPE))
+    found = inspect(path, ProcessConfig())
+    assert [topic.topic for topic in found.topics] == ["/fix", "/imu"]
+    assert found.process.why.startswith("topic /imu is encoded as 'json'")
+
+
+def test_a_run_says_which_topics_it_cannot_read(tmp_path):
+    path = in_json(write_log(tmp_path / "a.mcap", imu("/imu")), ("/fix", FIX_TYPE))
+    (said,) = [f for f in inspect(path, ProcessConfig()).findings if f.kind == "unread-topic"]
+    assert said.topic == "/fix" and "'json'" in said.text
 
 
 def test_fixes(tmp_path):
