@@ -20,7 +20,7 @@ from sinstool.io.readers.mcap_file import ChunkPlace, OtherPlace
 from sinstool.io.writers.mcap import McapWriter
 from sinstool.io.writers.mcap_chunk import Chunk, message_indexes
 
-_START = np.iinfo(np.int64).min
+_START, _END = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 # Compressions that the MCAP format defines; chunks with others are compressed anew
 COPIED = ("", "lz4", "zstd")
 
@@ -73,7 +73,7 @@ class Copier:
 
     def finish(self) -> None:
         """Copy the rest of the log, with the attachments and metadata of its files."""
-        self.advance(np.iinfo(np.int64).max)
+        self.advance(_END)
         for part in self._log.parts:
             if not isinstance(part, McapLog):
                 continue
@@ -151,7 +151,8 @@ class Copier:
     @staticmethod
     def _begins(item: _Chunk | RawBatch | OtherPlace) -> int:
         if isinstance(item, _Chunk):
-            return item.place.start_time
+            # Later ones are no times: of a chunk without messages, say, or damaged
+            return item.place.start_time if item.place.start_time <= _END else _START
         if isinstance(item, RawBatch) and len(item):
             return int(item.log_time[0])
         return _START

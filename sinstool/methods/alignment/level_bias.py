@@ -89,9 +89,12 @@ def level_bias(imu: Imu, fixes: GnssFixes, begin_ns: int) -> LevelBias | None:
     if not len(time_ns) or time_ns[-1] - time_ns[0] < LEAST_S * SECOND:
         return None
     rows = (imu.time_ns >= time_ns[0]) & (imu.time_ns <= time_ns[-1])
+    there = imu.time_ns[rows]
+    if not len(there) or there[-1] - there[0] < LEAST_S * SECOND:
+        return None
     gyro, force = imu.gyro[rows], imu.accel[rows].mean(axis=0)
     up = force / np.linalg.norm(force)
-    since = (imu.time_ns[rows] - time_ns[0]) / SECOND
+    since = (there - time_ns[0]) / SECOND
     turned = np.concatenate([[0.0], np.cumsum(-(gyro @ up)[1:] * np.diff(since))])
     seconds = (time_ns - time_ns[0]) / SECOND
     # Of the course alone a whole turn may be lost where the vehicle is slow for a while
@@ -129,7 +132,8 @@ def _leaning(
         m/s^2.
     up : ndarray, shape (3,)
     """
-    edges = np.searchsorted(since, np.arange(0.0, since[-1], TURN_S))
+    # Once each, as nothing is measured in a gap
+    edges = np.unique(np.searchsorted(since, np.arange(0.0, since[-1], TURN_S)))
     rate = np.diff(turned[edges]) / np.diff(since[edges])
     turning = rate * speed[edges[:-1]]
     means = np.add.reduceat(force, edges[:-1]) / np.diff(edges, append=len(force))[:-1, None]

@@ -227,6 +227,19 @@ def test_chunks_that_only_claim_to_be_compressed_are_read_where_their_crc_proves
     assert Counter(messages(data)) == Counter(before)
 
 
+@pytest.mark.parametrize("start", [2**63, 2**64 - 1])
+def test_a_chunk_that_begins_at_no_time_keeps_back_nothing(tmp_path, start):
+    """As of a writer that searched the earliest message of a chunk without messages."""
+    path = with_extras(tmp_path / "a.mcap")
+    data = path.read_bytes()
+    before = messages(data)
+    chunks = [at for op, at, _ in mcap_records(data) if op == Opcode.CHUNK]
+    assert len(chunks) > 2
+    patched(path, chunks[1] + 9, struct.pack("<Q", start))
+    data, lost, _ = copied(path)
+    assert sorted(messages(data)) == sorted(before) and not lost
+
+
 @pytest.mark.parametrize("spelling", ["my_msgs/msg/Foo", "my_msgs/Foo", "Foo", "a/b/c/d", "/", ""])
 def test_a_type_whose_definition_is_nowhere_is_copied_and_said(tmp_path, spelling):
     path = write_db3(tmp_path / "a.db3", rows(), 3)

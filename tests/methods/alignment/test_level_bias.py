@@ -89,3 +89,27 @@ def test_a_car_does_not_lean(seed):
     level = level_bias(imu, fixes, 0)
     assert level.leaning < 0.05 * DEGREE
     assert np.abs(level.bias - BIAS).max() < 0.1 * DEGREE
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_gap_of_the_imu_leaves_a_bias_with_its_sigma(seed):
+    random = np.random.default_rng(seed)
+    imu, fixes = in_turns(random, False)
+    begin = random.uniform(20.0, 60.0)
+    seconds = imu.time_ns / SECOND
+    kept = (seconds < begin) | (seconds > begin + random.uniform(2.5, 6.0))
+    level = level_bias(imu.rows(kept), fixes, 0)
+    assert level is not None and np.isfinite(level.sigma_any)
+    assert np.linalg.norm(level.bias - BIAS) < 3.0 * level.sigma_any
+
+
+def test_an_imu_that_is_not_there_while_the_vehicle_moves_shows_none():
+    imu, fixes = log(
+        lambda t: np.where((t > 40.0) & (t < 80.0), 5.0, 0.0),
+        lambda t: 0.0 * t,
+        np.random.default_rng(1),
+    )
+    seconds = imu.time_ns / SECOND
+    assert level_bias(imu, fixes, 0) is not None
+    assert level_bias(imu.rows((seconds < 39.0) | (seconds > 81.0)), fixes, 0) is None
+    assert level_bias(imu.rows((seconds < 39.0) | (seconds > 70.0)), fixes, 0) is None

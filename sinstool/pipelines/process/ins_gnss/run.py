@@ -321,7 +321,7 @@ class FilterRun(Mode):
                 self._first.append(updates)
             now = run.summary
             self._biases.append((int(imu.time_ns[-1]), now.gyro_bias, now.accel_bias))
-            self._offset_ns = int(imu.log_time_ns[-1]) - int(imu.time_ns[-1])
+            self._offset_ns = (imu.log_time_ns[-1:] - imu.time_ns[-1:])[0]
             if len(block.gnss):
                 if p.settings.feedback == "closed":  # else too far off for linear innovations
                     self._filtered.filtered(block.gnss)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from sinstool.config import ProcessConfig
 from sinstool.core.finding import exit_status
@@ -65,3 +66,31 @@ def test_solutions_are_written_beside_the_messages_of_their_samples(tmp_path, ro
     # copied as they were recorded, the clock set back
     assert set(copied[:, 1]) == set(nanoseconds(road.seconds - 2.0 * (road.seconds >= AT)))
     np.testing.assert_array_equal(np.sort(made[:, 1]), nanoseconds(road.seconds - 2.0)[first:])
+
+
+@pytest.mark.slow
+def test_times_of_recording_that_no_signed_number_holds_are_passed_on(tmp_path, road):
+    """As of a recorder whose clock is damaged: MCAP has 64 bits without a sign."""
+    write_stepped(tmp_path / "log.mcap", road, [])
+    late = tmp_path / "late.mcap"
+    shift = 2**63 - T0 - 60 * 10**9
+    with (tmp_path / "log.mcap").open("rb") as old, late.open("wb") as new:
+        writer, numbers = Writer(new, chunk_size=65536), {}
+        writer.start("ros2")
+        for schema, channel, message in make_reader(old).iter_messages():
+            if channel.id not in numbers:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                numbers[channel.id] = writer.register_channel(channel.topic, "cdr", number)
+            writer.add_message(numbers[channel.id], message.log_time + shift, message.data, 0)
+        writer.finish()
+    out = tmp_path / "out.mcap"
+    process(late, out, ProcessConfig(input={"gyro_kind": "mean-rate"}), None, Capture())
+    times = {"/imu": [], "/sinstool/imu": [], "/sinstool/diagnostics": []}
+    with out.open("rb") as stream:
+        for _, channel, message in make_reader(stream).iter_messages(topics=list(times)):
+            times[channel.topic].append(message.log_time)
+    assert len(times["/imu"]) == len(road.seconds)
+    begin, end = min(times["/imu"]), max(times["/imu"])
+    assert begin < 2**63 < end
+    for topic in ("/sinstool/imu", "/sinstool/diagnostics"):
+        assert times[topic] and begin <= min(times[topic]) and max(times[topic]) <= end + 10**9
