@@ -112,6 +112,10 @@ def _barometer(log: Log, options: InputOptions, log_time: bool) -> Barometer:
         return Barometer(stream, topic, tuple(findings))
     pressures = read_pressure(log, channels, Losses())
     baro, findings = in_order(pressures, log_time, topic, repeats=True)
+    if baro is not None and options.baro_topic is None and not (baro.pressure > 0.0).any():
+        # Nobody asked for it
+        text = f"topic {topic} holds no pressure that is positive; left out"
+        return Barometer(None, "", (_counted("no-pressures", text, topic, len(baro)),))
     if baro is not None and options.baro_unit is None:
         _check_pressure(log, channels[0], baro)
     elif baro is not None and options.baro_unit is not None:

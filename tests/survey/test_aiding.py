@@ -277,7 +277,11 @@ def test_units_of_pressure(tmp_path, unit, scale):
 def test_pressures_that_are_none(tmp_path):
     bad = [pressure_message(t, p) for t, p in zip(TIMES, [0.0, -1.0, np.nan] * 20, strict=True)]
     with pytest.raises(DataError, match="no pressure that is positive"):
-        baro(tmp_path, bad)
+        baro(tmp_path, bad, baro_topic="/baro")
+    # A barometer that is not connected, and that nobody asks for, is in nobody's way
+    unasked = baro(tmp_path, bad)
+    assert unasked.stream is None and unasked.problem is None
+    assert [f.kind for f in unasked.findings] == ["no-pressures"]
     with pytest.raises(DataError, match="which no atmosphere has"):
         baro(tmp_path, [pressure_message(t, 3.0) for t in TIMES])
 

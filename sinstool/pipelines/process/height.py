@@ -128,9 +128,11 @@ def height_reference(
         raise barometer.problem
     baro = barometer.stream
     if baro is None:
+        absent = "the log has no barometer (sensor_msgs/FluidPressure)"
+        why = barometer.findings[0].text if barometer.findings else absent
         raise TopicError(
             source.path,
-            "--height-damping baro: the log has no barometer (sensor_msgs/FluidPressure)",
+            f"--height-damping baro: {why}",
             "name a topic with --baro-topic (--baro-kind height for heights), use --height-damping"
             " gnss, or off: height then runs away, its error doubling every 400 s",
         )
