@@ -1,7 +1,7 @@
 """ROS 2 bag folders: ``metadata.yaml`` and the files in it, as one log.
 
-The content of each file shows its format (SQLite, MCAP, or one of these inside zstd), so the
-metadata only gives their order, and whether each message is compressed.
+The content of each file shows its format (SQLite, MCAP, or one of these inside zstd), and that of
+each message whether it is compressed, so the metadata only gives the order of the files.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import zstandard
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from sinstool.core.arrays import BoolArray
 from sinstool.core.errors import DamagedLogError, LogError, NotALogError, UnsupportedLogError
 from sinstool.core.temporary import TemporaryFolder
 from sinstool.io.messages.layout import ZSTD_MAGIC
@@ -251,13 +252,16 @@ class Rosbag2Log(Log):
                 position = before + int(size * min(1.0, batch.position / max(1, part.size)))
                 channel = ours[np.searchsorted(theirs, batch.channel)]
                 batch = replace(batch, channel=channel, position=position)
-                if self._compressed_messages:
-                    yield from self._decompress_messages(batch, part)
+                packed = _packed(batch)
+                if self._compressed_messages or packed.any():
+                    yield from self._decompress_messages(batch, packed, part)
                 else:
                     yield batch
             before += size
 
-    def _decompress_messages(self, batch: RawBatch, part: Log) -> Iterator[RawBatch]:
+    def _decompress_messages(
+        self, batch: RawBatch, packed: BoolArray, part: Log
+    ) -> Iterator[RawBatch]:
         """The batch with every payload decompressed, in portions of bounded size."""
         data = batch.buffer.data
         payloads: list[bytes] = []
@@ -266,8 +270,11 @@ class Rosbag2Log(Log):
         for row, (offset, length) in enumerate(
             zip(batch.offset.tolist(), batch.length.tolist(), strict=True)
         ):
+            raw = data[offset : offset + length]
+            # CDR begins with a zero; other bytes are damage where the metadata promises zstd
+            plain = not packed[row] and (raw[:1] == b"\0" or not self._compressed_messages)
             try:
-                payload = _unzstd_message(data[offset : offset + length])
+                payload = bytes(raw) if plain else _unzstd_message(raw)
             except CompressionError as exc:
                 self.damage(f"{part.path.name}: a message's {exc}", kind="file")
                 continue
@@ -290,6 +297,16 @@ def _declared_counts(listed: object) -> dict[str, int]:
             if 0 <= count < 2**63:
                 counts[topic] = counts.get(topic, 0) + count
     return counts
+
+
+def _packed(batch: RawBatch) -> BoolArray:
+    """Which messages begin as zstd data do, and no CDR does."""
+    packed = batch.length >= len(ZSTD_MAGIC)
+    for place, byte in enumerate(ZSTD_MAGIC):
+        packed[packed] = batch.buffer[batch.offset[packed] + place] == byte
+        if not packed.any():
+            break
+    return np.asarray(packed)
 
 
 def _repacked(batch: RawBatch, rows: list[int], payloads: list[bytes]) -> RawBatch:

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import zstandard
 from rosbags.rosbag2 import Reader
+from ruamel.yaml import YAML
 
 from sinstool.core.errors import DamagedLogError, NotALogError, UnsupportedLogError
 from sinstool.io.readers import open_log
@@ -252,6 +253,27 @@ def test_compressed_messages_that_are_damaged_or_swell(tmp_path, monkeypatch):
     with open_log(path, salvage=True) as log:
         assert read_back(log) == content(30)[:2] + content(30)[4:5] + content(30)[6:]
         assert log.lost
+
+
+@pytest.mark.parametrize("storage", ["db3", "mcap"])
+@pytest.mark.parametrize("mode", [None, "message"])
+@pytest.mark.parametrize("said", ["nothing", "none", "message"])
+def test_messages_show_whether_they_are_compressed(tmp_path, storage, mode, said):
+    """Metadata that are lost, or made by hand, do not say it, or say it wrongly."""
+    path = write_bag2(tmp_path / "bag", content(30), storage, mode)
+    metadata = path / "metadata.yaml"
+    if said == "nothing":
+        metadata.unlink()
+    else:
+        yaml = YAML(typ="safe")
+        about = yaml.load(metadata.read_text())
+        information = about["rosbag2_bagfile_information"]
+        information["compression_mode"] = "" if said == "none" else "MESSAGE"
+        information["compression_format"] = "" if said == "none" else "zstd"
+        with metadata.open("w") as stream:
+            yaml.dump(about, stream)
+    with open_log(path) as log:
+        assert read_back(log) == content(30)
 
 
 def test_a_file_of_compressed_messages_alone_says_so(tmp_path):
