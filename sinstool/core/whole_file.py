@@ -63,7 +63,8 @@ def check_output(output: Path, inputs: list[Path], overwrite: bool) -> None:
             if source.is_dir() and source.resolve() in output.resolve().parents:
                 problem = f"{output} lies in the input's own folder"
                 raise OutputError(problem, "choose another folder with -o")
-            if output.exists() and output.samefile(source):
+            # What is missing is told of when it is opened.
+            if output.exists() and source.exists() and output.samefile(source):
                 raise OutputError(f"{output} is the input itself", "choose another file with -o")
         if output.exists() and not overwrite:
             raise OutputError(f"{output} exists already", "choose another name or add --overwrite")

@@ -59,6 +59,15 @@ def test_output_is_the_input(sinstool, log, options, way):
     assert log.read_bytes() == before
 
 
+@pytest.mark.parametrize("command", ["process", "export"])
+def test_an_input_that_is_missing_is_named_though_the_output_exists(sinstool, tmp_path, command):
+    out = tmp_path / ("out.csv" if command == "export" else "out.mcap")
+    out.write_bytes(b"precious")
+    status, _, err = sinstool(command, tmp_path / "no.mcap", "-o", out, "--overwrite")
+    assert status == 1 and "no.mcap: there is no such file or folder" in one_line(err)
+    assert out.read_bytes() == b"precious"
+
+
 @pytest.mark.parametrize(
     ("out", "expected"),
     [

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sinstool.core.english import counted
+
 if TYPE_CHECKING:
     from sinstool.pipelines.process import filter_used, summary
     from sinstool.pipelines.process.result import ProcessResult
@@ -61,8 +63,8 @@ def distance(metres: float) -> str:
 
 
 def _extent(result: ProcessResult) -> str:
-    travel, n = result.travel, result.output.attitudes
-    text = f"{WHAT[result.plan.mode.value]}: {n} attitudes over {duration(travel.duration_s)}"
+    travel, number = result.travel, counted(result.output.attitudes, "attitude")
+    text = f"{WHAT[result.plan.mode.value]}: {number} over {duration(travel.duration_s)}"
     return text + _way(travel) + "."
 
 

@@ -17,7 +17,8 @@ def summary_rows(result: ExportResult, verbose: bool) -> list[tuple[str, str]]:
     source, file = result.input, result.output
     span = (source.last_ns - source.first_ns) / 1e9
     frame = f" in frame {source.frame}" if source.frame else ""
-    rows = [("result", f"{source.path}: {source.rows} attitudes over {span:.3f} s{frame}")]
+    number = counted(source.rows, "attitude")
+    rows = [("result", f"{source.path}: {number} over {span:.3f} s{frame}")]
     if result.rate_hz is not None and file.rows < source.rows:
         rows.append(("thinned", f"to {result.rate_hz:g} rows per second at most (--rate)"))
     if note := _note(result):

@@ -69,7 +69,7 @@ def summary_rows(result: ProcessResult, verbose: bool = False) -> list[Row]:
     rows.append(
         (
             "written",
-            f"{out.path}: {out.attitudes} attitudes in frame {out.frame},"
+            f"{out.path}: {counted(out.attitudes, 'attitude')} in frame {out.frame},"
             f" topics {', '.join(out.topics)}",
         )
     )
