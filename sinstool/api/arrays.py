@@ -14,7 +14,7 @@ from sinstool.api.log import frozen
 from sinstool.api.options import PathLike, configured, path_of
 from sinstool.core.arrays import ArrayLike
 from sinstool.core.errors import ConfigurationError
-from sinstool.core.streams import Baro, GnssEpochs, Imu, Solution, concatenate
+from sinstool.core.streams import Baro, GnssEpochs, Imu, Solution, Stream, concatenate
 
 if TYPE_CHECKING:
     from sinstool.api.process import Result
@@ -93,10 +93,15 @@ def integrate(
         raise ConfigurationError("q_nb is zero", "give a unit quaternion, scalar first")
     _check(imu)
     steps = np.diff(imu.time_ns)
-    nominal = float(np.median(steps)) if len(steps) else 1e9
-    gap_ns = 3.0 * nominal if max_gap_s is None else 1e9 * max_gap_s
+    nominal = float(np.median(steps))
+    gap_ns = 3.0 * nominal if max_gap_s is None else 1e9 * float(_numbers("max_gap_s", max_gap_s))
+    if gap_ns < nominal:
+        raise ConfigurationError(
+            f"max_gap_s is {max_gap_s}, and samples are {nominal / 1e9:g} s apart",
+            "give a longer one, or nothing would be integrated",
+        )
     settings = AttitudeSettings(
-        algorithm=algorithm(coning),
+        algorithm=algorithm(str(coning)),
         gyro_kind=gyro_kind,
         nominal_ns=nominal,
         max_gap_ns=round(gap_ns),
@@ -183,11 +188,13 @@ def as_log(
     from sinstool.simulation.recorded import recorded_topics
 
     _check(imu)
-    for name, column, kind in (("gnss", gnss, GnssEpochs), ("barometer", barometer, Baro)):
-        if column is not None and not isinstance(column, kind):
-            raise ConfigurationError(
-                f"{name} is of type {type(column).__name__}", f"give columns: log.{name}()"
-            )
+    given: tuple[tuple[str, Stream | None, type[Stream]], ...] = (
+        ("gnss", gnss, GnssEpochs),
+        ("barometer", barometer, Baro),
+    )
+    for name, column, kind in given:
+        if column is not None:
+            _check_columns(name, column, kind)
     topics = recorded_topics(imu, gnss, barometer)
     with tempfile.TemporaryDirectory(prefix="sinstool-") as folder:
         path = Path(folder) / "columns.mcap"
@@ -210,14 +217,29 @@ def _check(imu: Imu) -> None:
         )
 
 
-def _numbers(name: str, values: ArrayLike, count: int) -> np.ndarray:
+def _check_columns(name: str, stream: Stream, kind: type[Stream]) -> None:
+    """Refuse what is no stream of a kind, or has columns of several lengths."""
+    if not isinstance(stream, kind):
+        raise ConfigurationError(
+            f"{name} is of type {type(stream).__name__}", f"give columns: log.{name}()"
+        )
+    for field, values in vars(stream).items():
+        if len(values) != len(stream):
+            raise ConfigurationError(
+                f"{name}.{field} has {len(values)} rows, and {name}.time_ns {len(stream)}",
+                "give columns of one length",
+            )
+
+
+def _numbers(name: str, values: ArrayLike, *shape: int) -> np.ndarray:
+    number = f"{shape[0]} numbers" if shape else "a number"
     try:
         array = np.array(values, np.float64)
     except (TypeError, ValueError):
-        raise ConfigurationError(f"{name} is not made of numbers", f"give {count}") from None
-    if array.shape != (count,) or not np.isfinite(array).all():
+        raise ConfigurationError(f"{name} is not made of numbers", f"give {number}") from None
+    if array.shape != shape or not np.isfinite(array).all():
         raise ConfigurationError(
             f"{name} has the shape {array.shape}, or a value that is not finite",
-            f"give {count} numbers",
+            f"give {number}",
         )
     return array

@@ -202,6 +202,8 @@ class Log:
         read = read_barometer(self._reader, config.input, self._log_time())
         if read.problem is not None:
             raise read.problem
+        if read.stream is None and read.findings:
+            raise DataError(self.path, read.findings[0].text)
         if read.stream is None:
             raise self._absent("a barometer", "FluidPressure")
         return frozen(read.stream)
@@ -276,8 +278,9 @@ class Log:
         """The survey of an IMU topic, made once."""
         from sinstool.survey.source import prepare
 
+        reader = self._reader
         if topic not in self._sources:
-            self._sources[topic] = prepare(self._reader, config, gyro_only=True)
+            self._sources[topic] = prepare(reader, config, gyro_only=True)
         return self._sources[topic]
 
     def _log_time(self) -> bool:
@@ -289,10 +292,15 @@ class Log:
         return source.survey.time_source == "log"
 
     def _absent(self, what: str, kind: str) -> LogError:
+        from sinstool.io.readers.message_types import SENSOR_TYPES
+        from sinstool.io.readers.topics import unread_clause
+
         topics = ", ".join(one.topic for one in self.topics) or "none"
+        types = [name for name in SENSOR_TYPES if name.endswith(f"/{kind}")]
+        unread = unread_clause(self._reader, *types)
         return TopicError(
             self.path,
-            f"it holds no {what.removeprefix('a ')} (no {kind} topic)",
+            f"it holds no {what.removeprefix('a ')} (no {kind} topic{unread})",
             f"its topics are {topics}",
         )
 

@@ -74,7 +74,8 @@ def configured_by(
         if value is not None:
             table, field = fields[name]
             values[table, name] = _plain(value, field.annotation)
-    return effective(model, None if config is None else Path(config), values, check)
+    file = None if config is None else path_of(config, "config")
+    return effective(model, file, values, check)
 
 
 def _listing(command: str, names: Mapping[str, Any]) -> str:
@@ -82,6 +83,7 @@ def _listing(command: str, names: Mapping[str, Any]) -> str:
     if len(names) <= SOME:
         return f"its options are {', '.join(sorted(names))}"
     of = {"survey": "info", "navigate": "process"}.get(command, command.replace("_", "-"))
+    of = of.replace("scenario ", "simulate ")
     return f"`sinstool {of} --help-all` lists them"
 
 
@@ -109,6 +111,9 @@ def path_of(value: Any, what: str = "log") -> Path:
     ConfigurationError
         It is none.
     """
+    if value == "":
+        # which would be the folder in which the program runs
+        raise ConfigurationError(f"the {what} is an empty text", "give its path")
     try:
         return Path(value)
     except TypeError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -121,6 +122,8 @@ class Simulated:
         """The log, in a folder that goes when this object does."""
         if self._folder is None:
             self._folder = tempfile.TemporaryDirectory(prefix="sinstool-")
+            # Before its own finaliser, which warns
+            weakref.finalize(self, self._folder.cleanup)
             self.write(Path(self._folder.name) / "simulated.mcap")
         conventions = {name: self.settings.get(name) for name in ("body_axes", "gyro_kind")}
         return open_log(Path(self._folder.name) / "simulated.mcap", **conventions)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import sinstool
-from sinstool.core.streams import Imu
+from sinstool.core.streams import GnssEpochs, Imu
 
 
 def off(q_nb, true):
@@ -107,6 +108,11 @@ def test_align_of_columns_is_align_of_their_log(tmp_path):
 TIMES = np.arange(5) * 10_000_000
 ZEROS = np.zeros((5, 3))
 GOOD = Imu.of(TIMES, ZEROS, ZEROS)
+EPOCHS = GnssEpochs(TIMES, TIMES, *ZEROS.T, ZEROS, ZEROS, ZEROS)
+
+
+def cut_short(epochs):
+    return replace(epochs, latitude=epochs.latitude[:-1])
 
 
 @pytest.mark.parametrize(
@@ -120,7 +126,15 @@ GOOD = Imu.of(TIMES, ZEROS, ZEROS)
         (lambda: sinstool.integrate(GOOD, gyro_bias="still"), "gyro_bias is not made of numbers"),
         (lambda: sinstool.integrate(GOOD.rows(slice(0, 1))), "there are 1 IMU samples"),
         (lambda: sinstool.integrate(GOOD.rows(slice(None, None, -1))), "in time order"),
+        (lambda: sinstool.integrate(GOOD, coning=3), "unknown coning algorithm '3'"),
+        (lambda: sinstool.integrate(GOOD, max_gap_s="long"), "max_gap_s is not made of numbers"),
+        (lambda: sinstool.integrate(GOOD, max_gap_s=np.nan), "not finite: give a number"),
+        (lambda: sinstool.integrate(GOOD, max_gap_s=0.005), "samples are 0.01 s apart"),
+        (lambda: sinstool.integrate(GOOD, max_gap_s=-1.0), "give a longer one"),
         (lambda: sinstool.navigate(GOOD, None), "no GNSS is given"),
+        (lambda: sinstool.navigate(GOOD, cut_short(EPOCHS)), "has 4 rows, and gnss.time_ns 5"),
+        (lambda: sinstool.navigate(GOOD, EPOCHS, config=3), "the config is of type int"),
+        (lambda: sinstool.process(""), "the log is an empty text"),
         (lambda: sinstool.navigate(GOOD, GOOD), "gnss is of type Imu: give columns: log.gnss"),
         (lambda: Imu.of(TIMES, ZEROS[1:], ZEROS), r"gyro has the shape \(4, 3\)"),
         (lambda: Imu.of(TIMES, ZEROS, ZEROS * np.nan), "accel has the shape .* not finite"),
@@ -128,6 +142,7 @@ GOOD = Imu.of(TIMES, ZEROS, ZEROS)
         (lambda: Imu.of(TIMES * 0, ZEROS, ZEROS), "ascending order"),
         (lambda: sinstool.simulate("drvie"), "no scenario 'drvie': did you mean drive"),
         (lambda: sinstool.simulate("drive", durtion=1), "did you mean duration"),
+        (lambda: sinstool.simulate("drive", xyz=1), "`sinstool simulate drive --help-all` lists"),
         (lambda: sinstool.simulate("drive", duration=-1), "--duration -1: must be greater"),
         (lambda: sinstool.simulate("static", duration=2.0).barometer(), "no barometer"),
         (lambda: sinstool.simulate("hse-rig", rate=50).truth, "turntable"),

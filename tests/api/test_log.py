@@ -125,6 +125,17 @@ def test_a_topic_that_is_not_there(call, said):
     assert str(STATIC) in str(info.value)
 
 
+def test_a_barometer_that_measures_nothing_is_no_missing_topic(tmp_path):
+    from tests.helpers.imulogs import Message, header, store, write_log
+
+    kind = "sensor_msgs/msg/FluidPressure"
+    nothing = store(2).types[kind](header(10**9, "baro"), float("nan"), 0.0)
+    path = write_log(tmp_path / "a.mcap", [Message("/baro", kind, 10**9, nothing)])
+    said = pytest.raises(sinstool.SinstoolError, match="/baro holds no pressure")
+    with sinstool.open_log(path) as log, said:
+        log.barometer()
+
+
 def test_a_log_without_imu_gives_gnss(tmp_path, drive):
     from sinstool.simulation.log import write_simulated
     from sinstool.simulation.recorded import recorded_topics
@@ -163,6 +174,14 @@ def test_a_closed_log_says_so():
     with pytest.raises(sinstool.SinstoolError, match="the log is closed: open it again"):
         log.imu()
     assert len(log.topics) == 4
+
+
+def test_a_closed_log_says_so_though_it_was_read_before():
+    log = sinstool.open_log(STATIC)
+    log.imu()
+    log.close()
+    with pytest.raises(sinstool.SinstoolError, match="the log is closed: open it again"):
+        log.imu()
 
 
 @pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="needs /proc")

@@ -60,6 +60,11 @@ def unread_topics(log: Log, *types: str) -> dict[str, str]:
     return unread
 
 
+def unread_clause(log: Log, *types: str) -> str:
+    """Clause that follows what a log has none of: what topics of these types cannot be read."""
+    return "".join(f"; {why}" for why in unread_topics(log, *types).values())
+
+
 def imu_candidates(log: Log) -> list[ImuTopic]:
     """Every topic with IMU data: plain IMU, types that nest an IMU, types with the same fields.
 

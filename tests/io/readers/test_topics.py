@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+import sinstool
 from sinstool.config import ProcessConfig
 from sinstool.core.errors import TopicError, UnsupportedLogError
 from sinstool.io.readers import open_log
@@ -312,6 +313,16 @@ def test_a_run_says_which_topics_it_cannot_read(tmp_path):
     path = in_json(write_log(tmp_path / "a.mcap", imu("/imu")), ("/fix", FIX_TYPE))
     (said,) = [f for f in inspect(path, ProcessConfig()).findings if f.kind == "unread-topic"]
     assert said.topic == "/fix" and "'json'" in said.text
+
+
+def test_fixes_that_are_asked_for_and_cannot_be_read_are_named(tmp_path):
+    path = in_json(write_log(tmp_path / "a.mcap", imu("/imu")), ("/fix", FIX_TYPE))
+    for call in (
+        lambda: sinstool.process(path, mode="ins-gnss"),
+        lambda: sinstool.open_log(path).gnss(),
+    ):
+        with pytest.raises(TopicError, match=r"no .*fixes.*; topic /fix is encoded as 'json'"):
+            call()
 
 
 def test_fixes(tmp_path):

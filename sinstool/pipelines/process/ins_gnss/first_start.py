@@ -13,6 +13,8 @@ from sinstool.core.errors import AlignmentError, ConfigurationError, TopicError
 from sinstool.core.options import span
 from sinstool.core.streams import GnssEpochs
 from sinstool.core.timeline import SECOND
+from sinstool.io.readers.message_types import FIX_TYPES
+from sinstool.io.readers.topics import unread_clause
 from sinstool.methods.height.reference import HeightReference
 from sinstool.methods.ins_gnss.fix_velocity import message_times, split_position_velocity
 from sinstool.methods.ins_gnss.returning_fixes import leaps, unsettled
@@ -66,7 +68,7 @@ def first_start(
     if gnss is None or not gnss.has_position.any():
         raise TopicError(
             source.path,
-            "--mode ins-gnss: the log has no GNSS fixes",
+            "--mode ins-gnss: the log has no GNSS fixes" + unread_clause(source.log, *FIX_TYPES),
             "use --mode ins (with --height-damping), or attitude",
         )
     aiding = _Aiding.of(source, config, gnss, lag)
