@@ -18,7 +18,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 
 from sinstool.core.english import counted
-from sinstool.core.errors import NotALogError
+from sinstool.core.errors import NotALogError, one_line
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.file import read_ahead
 from sinstool.io.readers.formats import MCAP_MAGIC as MAGIC
@@ -257,12 +257,29 @@ class McapLog(McapFile):
             return
         if op == Opcode.SCHEMA:
             schema = self._parse(records.Schema, body, offset)
-            if schema:
-                self.schemas.setdefault(schema.id, schema)
+            if schema and (known := self.schemas.setdefault(schema.id, schema)).name != schema.name:
+                names = f"{one_line(known.name)}, and again {one_line(schema.name)}"
+                what = f"schema {schema.id} is {names}: nothing shows whose is whose"
+                self.damage(what, offset, "definition")
         else:
             channel = self._parse(records.Channel, body, offset)
             if channel and channel.id not in self.channels:
                 self._add_channel(channel)
+            elif channel:
+                self._refuse_another(channel, offset)
+
+    def _refuse_another(self, channel: records.Channel, offset: int) -> None:
+        """Damage, if a channel's number belongs to another topic or type already."""
+        known, schema = self.channels[channel.id], self.schemas.get(channel.schema_id)
+        ours = known.recorded_topic, known.recorded_type
+        theirs = channel.topic, schema.name if schema else ""
+        if theirs != ours:
+            what = (
+                f"channel {channel.id} is {known.topic} of type {known.type_name or 'unknown'}, and"
+                f" again {one_line(theirs[0])} of type {one_line(theirs[1]) or 'unknown'}:"
+                " nothing shows whose messages are whose"
+            )
+            self.damage(what, offset, "definition")
 
     def _add_channel(self, channel: records.Channel) -> None:
         schema = self.schemas.get(channel.schema_id)

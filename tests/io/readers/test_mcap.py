@@ -34,6 +34,7 @@ from tests.helpers.logs import (
 )
 
 CHUNK, DATA_END, FOOTER = 0x06, 0x0F, 0x02
+SCHEMA, CHANNEL, MESSAGE = 0x03, 0x04, 0x05
 NO_SUMMARY = {
     "index_types": IndexType.NONE,
     "repeat_channels": False,
@@ -481,3 +482,27 @@ def test_a_chunk_index_is_what_mcap_reads(offsets, name, start, cut, flipped):
     log = object.__new__(McapLog)
     log.damage = lambda *said: None
     assert log._chunk_index(body, 0) == expected
+
+
+@pytest.mark.parametrize("again", ["channel", "schema"])
+def test_a_number_that_is_used_again_for_another_topic_or_type_is_refused(tmp_path, again):
+    """No MCAP has that, and the messages of both would be taken for those of the first."""
+    path = write_mcap(tmp_path / "a.mcap", rows(30), use_chunking=False, **NO_SUMMARY)
+    data = path.read_bytes()
+    at = next(at for op, at, _ in mcap_records(data) if op == MESSAGE)
+    first = {op: data[pos : pos + 9 + length] for op, pos, length in mcap_records(data[:at])}
+    record = first[CHANNEL if again == "channel" else SCHEMA]
+    # A topic or a type of the same length
+    name = b"/baro" if again == "channel" else b"sensor_msgs"
+    assert name in record
+    other = record.replace(name, name[:-1] + b"x")
+    copy = tmp_path / "b.mcap"
+    copy.write_bytes(data[:at] + record + data[at:])
+    with open_log(copy) as log:  # the same again is right
+        assert read_back(log) == rows(30)
+    copy.write_bytes(data[:at] + other + data[at:])
+    with pytest.raises(DamagedLogError, match=f"{again} .* and again"):
+        open_log(copy)
+    with open_log(copy, salvage=True) as log:
+        assert read_back(log) == rows(30)
+        assert "definition" in [part.kind for part in log.lost]
