@@ -19,6 +19,8 @@ from typing import Any
 
 # The largest standard schema has 12 kB; a hostile one must not cost the time to parse it.
 MAX_SCHEMA = 2**20
+# Serialisations that are read
+ENCODINGS = ("cdr", "ros1")
 SCHEMA_ENCODINGS = ("ros2msg", "ros1msg", "ros2idl", "")
 # How deep types may nest, and how many may hang on one another before that is known
 MAX_DEPTH, MAX_CHAIN = 32, 256

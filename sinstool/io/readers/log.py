@@ -18,6 +18,7 @@ from sinstool.core.errors import (
     one_line,
 )
 from sinstool.io.messages.definitions import (
+    ENCODINGS,
     Definition,
     DefinitionError,
     normalise_type_name,
@@ -92,7 +93,7 @@ class Channel:
         UnsupportedLogError
             The encoding is not supported, or there is no usable definition.
         """
-        if self.message_encoding not in ("cdr", "ros1"):
+        if self.message_encoding not in ENCODINGS:
             raise UnsupportedLogError(
                 path,
                 f"topic {self.topic} is encoded as '{self.message_encoding or 'unknown'}'",

@@ -11,7 +11,12 @@ from mcap.opcode import Opcode
 from mcap.records import MetadataIndex
 
 from sinstool.core.finding import Finding
-from sinstool.io.messages.definitions import DefinitionError, normalise_type_name, schema_text
+from sinstool.io.messages.definitions import (
+    ENCODINGS,
+    DefinitionError,
+    normalise_type_name,
+    schema_text,
+)
 from sinstool.io.readers.attachments import CHECKED, RecordError, index_of
 from sinstool.io.readers.batch import RawBatch
 from sinstool.io.readers.log import Channel, Log
@@ -88,12 +93,12 @@ class Copier:
         numbers = sorted(self._log.channels)
         if numbers and numbers[-1] >= 2**16:  # bags have room for more than MCAP
             self._wide = np.array(numbers)
-        undefined: dict[str, str] = {}
+        undefined: dict[str, Channel] = {}
         for place, number in enumerate(numbers):
             channel = self._log.channels[number]
             schema = _schema(channel)
             if not schema[2]:
-                undefined.setdefault(channel.type, channel.topic)
+                undefined.setdefault(channel.type, channel)
             self._writer.add_channel(
                 channel.recorded_topic,
                 channel.message_encoding,
@@ -101,12 +106,14 @@ class Copier:
                 channel.metadata,
                 number if self._wide is None else place,
             )
-        for type_name, topic in undefined.items():
+        for type_name, channel in undefined.items():
+            encoding = channel.message_encoding
+            why = "not a standard type" if encoding in ENCODINGS else f"encoded as '{encoding}'"
             text = (
-                f"the log has no definition of {type_name}, and it is not a standard type: the"
-                f" messages of {topic} are copied without one, and viewers cannot show them"
+                f"the log has no definition of {type_name}, and it is {why}: the messages of"
+                f" {channel.topic} are copied without one, and viewers cannot show them"
             )
-            self.findings.append(Finding("no-definition", text, topic=topic))
+            self.findings.append(Finding("no-definition", text, topic=channel.topic))
 
     def _define_as_in(self, log: McapLog) -> None:
         """Define the schemas and channels of an MCAP file under their own ids."""
@@ -239,7 +246,9 @@ def _schema(channel: Channel) -> tuple[str, str, bytes]:
     encoding = channel.schema_encoding or (
         "ros1msg" if channel.message_encoding == "ros1" else "ros2msg"
     )
-    if not text:
+    if not text and channel.message_encoding not in ENCODINGS:
+        encoding = ""
+    elif not text:
         # Old ROS 2 bags carry no definitions; fall back on those of the standard types.
         try:
             text = schema_text(normalise_type_name(channel.type_name), channel.message_encoding)

@@ -255,6 +255,23 @@ def test_a_type_whose_definition_is_nowhere_is_copied_and_said(tmp_path, spellin
     assert len(schemas["sensor_msgs/msg/Imu"]) > 100
 
 
+def test_messages_of_another_serialisation_without_a_definition_are_copied_and_said(tmp_path):
+    path = write_db3(tmp_path / "a.db3", rows(), 3)
+    with sqlite3.connect(path) as database:
+        database.execute("UPDATE topics SET serialization_format = 'protobuf' WHERE name = '/baro'")
+        database.execute("DROP TABLE IF EXISTS message_definitions")
+    database.close()
+    data, lost, findings = copied(path)
+    assert not lost
+    assert [(f.kind, f.topic) for f in findings] == [("no-definition", "/baro")]
+    assert "encoded as 'protobuf'" in findings[0].text
+    assert Counter(messages(data)) == Counter((r.topic, r.log_time, r.payload) for r in rows())
+    summary = make_reader(BytesIO(data)).get_summary()
+    (baro,) = [c for c in summary.channels.values() if c.topic == "/baro"]
+    schema = summary.schemas[baro.schema_id]
+    assert (baro.message_encoding, schema.encoding, schema.data) == ("protobuf", "", b"")
+
+
 @pytest.mark.slow
 def test_a_copy_of_damage_is_always_a_sound_file(tmp_path):
     """Flipped bits: refused, or a file in which readers, index and statistics agree."""
