@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from decimal import Decimal, InvalidOperation, Overflow
 from typing import Any, Literal
 
@@ -227,7 +227,7 @@ class InputOptions(Group):
         """TOML has numbers and dates of its own."""
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             return repr(value)
-        return value.isoformat() if isinstance(value, datetime) else value
+        return value.isoformat() if isinstance(value, date) else value
 
     @field_validator("start", "end")
     @classmethod

@@ -1,7 +1,10 @@
 """Times that ``--start`` and ``--end`` accept."""
 
+import tomllib
+
 import pytest
 
+from sinstool.config import InputOptions
 from sinstool.config.logs import parse_time
 
 FIRST = 1_700_000_000_000_000_000
@@ -37,3 +40,9 @@ def test_times_beyond_any_log_are_refused(text):
 def test_other_texts_are_refused(text):
     with pytest.raises(ValueError, match="is not a time"):
         parse_time(text, FIRST)
+
+
+@pytest.mark.parametrize("text", ["2023-11-14", "2023-11-14T22:13:20Z", "2023-11-14 22:13:20"])
+def test_dates_of_toml_are_those_of_the_command_line(text):
+    options = InputOptions(start=tomllib.loads(f"start = {text}")["start"])
+    assert parse_time(options.start, 0) == parse_time(text, 0)
