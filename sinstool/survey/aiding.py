@@ -142,7 +142,14 @@ def in_order(
     whole = concatenate(parts)
     findings: list[Finding] = []
     del parts
-    if not log_time:
+    if not log_time and _unstamped(whole):
+        log_time = True
+        text = (
+            f"topic {topic}: all header stamps are {int(whole.time_ns[0])} ns, so the recorder's log"
+            " times are used instead"
+        )
+        findings.append(Finding("time-source", text, topic=topic))
+    elif not log_time:
         whole, findings = own_steps(whole, topic)
     stream = sorted_stream([whole], log_time, repeats)
     if stream is None:
@@ -155,6 +162,12 @@ def in_order(
         text = f"topic {topic}: {repeat} a stamp; left out"
         findings.append(_counted("repeated-stamps", text, topic, stream.repeated))
     return stream.stream, findings
+
+
+def _unstamped(stream: Stream) -> bool:
+    """Whether messages have one and the same stamp, though they were recorded one by one."""
+    same = (stream.time_ns == stream.time_ns[0]).all()
+    return bool(same and (stream.log_time_ns != stream.log_time_ns[0]).any())
 
 
 def _counted(kind: str, text: str, topic: str, count: int, severity: Severity = WARNING) -> Finding:

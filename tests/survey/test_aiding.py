@@ -251,6 +251,28 @@ def test_angles_and_heights_of_no_globe_are_refused(tmp_path):
         gnss(tmp_path, millimetres)
 
 
+@pytest.mark.parametrize("stamp_ns", [0, int(TIMES[0])])
+def test_messages_that_nobody_stamps_are_taken_at_their_log_times(tmp_path, stamp_ns):
+    def unstamped(messages):
+        for one in messages:
+            one.message.header.stamp.sec, one.message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
+        return messages
+
+    moving = [twist_message(t, (1.0, 13.8, 0.5), 0.01) for t in TIMES]
+    into = gnss(tmp_path, unstamped(drive()) + moving)
+    np.testing.assert_array_equal(into.gnss.time_ns, TIMES)
+    assert into.gnss.has_position.all() and into.gnss.has_velocity.all()
+    (said,) = [f for f in into.findings if f.kind == "time-source"]
+    assert said.topic == "/fix"
+    into = gnss(tmp_path, drive() + unstamped(moving))
+    np.testing.assert_array_equal(into.gnss.time_ns, TIMES)
+    read = baro(tmp_path, unstamped([pressure_message(t, 98500.0) for t in TIMES]))
+    np.testing.assert_array_equal(read.stream.time_ns, TIMES)
+    # one message, or several recorded at once, may have one stamp
+    once = [one._replace(log_ns=int(TIMES[0])) for one in unstamped(drive())]
+    assert "time-source" not in [f.kind for f in gnss(tmp_path, once).findings]
+
+
 def test_a_velocity_without_a_vertical_part_is_horizontal(tmp_path):
     velocity = [twist_message(TIMES[k], (1.0, 13.8, 0.0), covariance=False) for k in range(N)]
     into = gnss(tmp_path, drive() + velocity)
