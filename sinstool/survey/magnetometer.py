@@ -15,7 +15,7 @@ from sinstool.core.timeline import SECOND, sorted_stream
 from sinstool.io.readers.log import Channel, Log
 from sinstool.io.readers.message_types import MAGNETIC_TYPE
 from sinstool.io.readers.streams import Losses, frame_id, read_field
-from sinstool.io.readers.topics import NONE, ImuTopic, optional_topics
+from sinstool.io.readers.topics import NONE, ImuTopic, optional_topics, unread_clause
 
 # Samples closer together are averaged, so that those of a log take little more memory than its
 # epochs. In this time bodies hardly turn: at 10 rad/s the mean is 0.2 % too small.
@@ -77,7 +77,8 @@ def choose_magnetometer(
         (channels,) = topics.values() or ((),)
         return MagneticTopic("" if name == NONE else name, "as configured", channels)
     if not topics:
-        return MagneticTopic("", "as the log has no MagneticField topic")
+        unread = unread_clause(log, MAGNETIC_TYPE)
+        return MagneticTopic("", f"as the log has no MagneticField topic{unread}")
     if len(topics) == 1:
         ((topic, channels),) = topics.items()
         return MagneticTopic(topic, "the log's only MagneticField topic", channels)

@@ -131,7 +131,7 @@ def test_zeros_and_what_is_not_finite_are_counted(tmp_path):
 
 
 @pytest.mark.parametrize("encoding", ["cdr", "json"])
-def test_one_that_cannot_be_read_is_done_without(tmp_path, encoding):
+def test_one_without_a_field_or_in_another_encoding_is_done_without(tmp_path, encoding):
     types = get_typestore(Stores.ROS2_HUMBLE)
     del types.fielddefs[MAGNETIC]
     types.register(get_types_from_msg("std_msgs/Header header\nfloat64 strength", MAGNETIC))
@@ -142,12 +142,18 @@ def test_one_that_cannot_be_read_is_done_without(tmp_path, encoding):
     imu = imu_messages(TIMES, [0.0, 0.0, 0.0], [0.0, 0.0, 9.81])
     path = tmp_path / "log.mcap"
     write_log(path, sorted([*imu, *messages], key=lambda m: m.log_ns), types=types)
+    config = build(ProcessConfig, {"navigation": {"attitude": "smoothed"}})
     if encoding == "json":
         path = rewritten(path, tmp_path / "json.mcap")
+        assert chosen(path).topic == "" and "/mag is encoded as 'json'" in chosen(path).reason
+        result = process(path, tmp_path / "out.mcap", config)
+        assert result.smoothing.magnetometer is None
+        (finding,) = [f for f in result.findings if f.kind == "unread-topic"]
+        assert finding.topic == "/mag"
+        return
     measured, (finding,) = read(path)
     assert measured is None
     assert finding.kind == "no-field" and "/mag" in finding.text
-    config = build(ProcessConfig, {"navigation": {"attitude": "smoothed"}})
     result = process(path, tmp_path / "out.mcap", config)
     assert result.smoothing.magnetometer.refused == "short"
     assert [f.kind for f in result.findings if "/mag" in f.text] == ["no-field"]

@@ -118,7 +118,8 @@ def inspect(
             try:
                 surveyed = survey_samples(log, topic, options, report, sampling, judged)
             except (DataError, UnsupportedLogError) as exc:
-                imus.append(result.UnusableImu(topic.topic, 0, exc.message))
+                number = traffic[topic.topic].count
+                imus.append(result.UnusableImu(topic.topic, number, exc.message))
                 continue
             imus.append(_describe(topic, surveyed[0], options))
             if isinstance(choice, ImuTopic) and topic.topic == choice.topic:

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
-from sinstool.pipelines.info.run import TopicTraffic, topic_of
+from sinstool.config import ProcessConfig
+from sinstool.pipelines.info.result import UnusableImu
+from sinstool.pipelines.info.run import TopicTraffic, inspect, topic_of
+from tests.helpers.imulogs import even_times, imu_messages, write_log
 
 SECOND = 1_000_000_000
 
@@ -25,3 +28,10 @@ def test_times_of_a_topic_are_those_of_all_its_messages(seed, blocks):
     assert (traffic.count, traffic.size) == (200, 4800)
     topic = topic_of("/imu", traffic)
     assert topic.rate_hz == pytest.approx(199.0 / ((times.max() - times.min()) * 1e-9))
+
+
+def test_the_messages_of_an_imu_that_cannot_be_used_are_counted(tmp_path):
+    messages = imu_messages(even_times(30), [np.nan, 0.0, 0.0], [0.0, 0.0, 9.8])
+    (imu,) = inspect(write_log(tmp_path / "a.mcap", messages), ProcessConfig()).imu
+    assert isinstance(imu, UnusableImu) and imu.n == 30
+    assert "30 hold NaN" in imu.problem
