@@ -145,8 +145,8 @@ def in_order(
     if not log_time and _unstamped(whole):
         log_time = True
         text = (
-            f"topic {topic}: all header stamps are {int(whole.time_ns[0])} ns, so the recorder's log"
-            " times are used instead"
+            f"topic {topic}: all header stamps are {int(whole.time_ns[0])} ns, so the recorder's"
+            " log times are used instead"
         )
         findings.append(Finding("time-source", text, topic=topic))
     elif not log_time:
