@@ -35,6 +35,8 @@ STOPS = 0.5
 BESIDE, BESIDE_S = 10, 60.0
 # Rests shorter than this do not show a bias, s.
 REST_S = 2.0
+# A lull with a much smaller rate denies a rest that is not so many times as long.
+FAR_LONGER = 5.0
 # Gyro biases change by less than this within a log, rad/s: chips by 0.03 deg/s for each kelvin.
 BIAS_CHANGE = 0.0175
 # Fixes this far apart show a speed, s.
@@ -315,14 +317,29 @@ def longest_rest(spans: Iterable[StillSpan], gnss: GnssEpochs | None) -> StillSp
     """The longest rest, of `REST_S` at least, at which GNSS does not move; None without one.
 
     Steady turns look like rest, too, but of two rates so different only one is the gyros' bias:
-    the smaller.
+    the smaller. So do lulls of a slow motion, which are no rests unless epochs cover them.
     """
     long = [span for span in spans if span.duration_s >= REST_S]
     # The longest first, as testing a span for motion takes time
     for span in sorted(long, key=lambda span: -span.duration_s):
+        covered = _covered(span, gnss)
+        if span.lull and not covered:
+            continue
         if moving_at(gnss, span.start_ns, span.end_ns) is None:
-            return longest_rest(calmer(long, span), gnss) or span
+            less = calmer(long, span)
+            found = longest_rest(less, gnss)
+            denied = any(one.lull and one.duration_s * FAR_LONGER > span.duration_s for one in less)
+            if found is not None or covered or not denied:
+                return found or span
     return None
+
+
+def _covered(span: StillSpan, gnss: GnssEpochs | None) -> bool:
+    """Whether GNSS has epochs in a span that show rest or motion."""
+    if gnss is None:
+        return False
+    begin, end = np.searchsorted(gnss.time_ns, [span.start_ns, span.end_ns + 1])
+    return bool(end - begin >= 2)
 
 
 def calmer(spans: Iterable[StillSpan], than: StillSpan) -> list[StillSpan]:

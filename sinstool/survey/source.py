@@ -202,7 +202,7 @@ def _truly_at_rest(survey_: Survey, aiding: AidingData) -> tuple[Survey, AidingD
     """
     rest, gnss = survey_.lead_in, aiding.gnss
     if gnss is None:
-        return survey_, aiding, []
+        return (replace(survey_, lead_in=None) if rest and rest.lull else survey_), aiding, []
     if rest is None:
         shaken = shaken_rest(survey_.windows, gnss, survey_.first_ns)
         return replace(survey_, lead_in=shaken), aiding, []

@@ -6,15 +6,18 @@ mean; the means only have to stay what they were.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import comb, dist, sqrt
 
 import numpy as np
 
 from sinstool.core.arrays import FloatArray
+from sinstool.core.order_statistics import median
 from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import EXACT, dcm, increment_quaternion, product
-from sinstool.core.units import DEGREE
+from sinstool.core.timeline import SECOND
+from sinstool.core.units import DEGREE, STANDARD_GRAVITY
+from sinstool.methods.alignment.lull import lulls
 
 WINDOW_NS = 500_000_000
 # Noise of working sensors at rest, with an engine idling: beyond this something moves.
@@ -36,6 +39,8 @@ MIN_WINDOWS = 2
 # Where a recorder lost samples for a second or so, a rest goes on: nothing moves off and comes to
 # rest again with the same tilt in that time. So many windows after the one before it.
 MOST_APART = 3
+# No accelerometer is further off gravity, or off what it usually shows, at rest, m/s^2.
+OFF_GRAVITY = 0.8
 
 # Columns of a window row
 _INDEX, _COUNT, _MEAN, _SQUARES, _CHANGES, _TURNED = 0, 1, 2, 8, 14, 20
@@ -155,6 +160,9 @@ class StillSpan:
         Means over it, rad/s and m/s^2.
     gyro_std, accel_std : float
         Noise of single samples, norm over the axes.
+    lull : bool
+        It may be part of a slow motion; see `lull`. Or its specific force is not of gravity's size,
+        nor of that which is usual in the log, as in a turn of an aircraft.
     """
 
     start_ns: int
@@ -164,6 +172,7 @@ class StillSpan:
     accel: np.ndarray
     gyro_std: float
     accel_std: float
+    lull: bool = False
 
     @property
     def duration_s(self) -> float:
@@ -217,7 +226,25 @@ def still_spans(windows: Windows) -> list[StillSpan]:
         turning, shaking = min(turning, gyro_std), min(shaking, accel_std)
     if begin is not None:
         _close(spans, windows, begin, last + 1)
-    return spans
+    return _with_lulls(spans, windows)
+
+
+def _with_lulls(spans: list[StillSpan], windows: Windows) -> list[StillSpan]:
+    """Spans, those marked that may be part of a slow motion."""
+    begins = np.searchsorted(windows.start_ns, [span.start_ns for span in spans])
+    ends = np.searchsorted(windows.start_ns, [span.end_ns for span in spans])
+    found = lulls(
+        windows.gyro,
+        windows.gyro_std**2 / 3.0 / np.maximum(windows.count, 1),
+        np.column_stack([windows.gyro_std, windows.accel_std]) ** 2,
+        np.diff(windows.start_ns, prepend=0) == WINDOW_NS,
+        zip(begins.tolist(), ends.tolist(), strict=True),
+        WINDOW_NS / SECOND,
+    )
+    usual = float(median(np.linalg.norm(windows.accel, axis=1))) if spans else 0.0
+    sizes = [float(np.linalg.norm(span.accel)) for span in spans]
+    off = [min(abs(size - STANDARD_GRAVITY), abs(size - usual)) > OFF_GRAVITY for size in sizes]
+    return [replace(span, lull=a or b) for span, a, b in zip(spans, found, off, strict=True)]
 
 
 def _mean(one: list[float], weight: float, other: list[float], more: float) -> list[float]:

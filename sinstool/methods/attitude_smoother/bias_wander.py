@@ -25,7 +25,8 @@ from sinstool.methods.attitude_smoother.epochs import (
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED
 from sinstool.methods.attitude_smoother.model import MotionModel, SensorModel
 from sinstool.methods.attitude_smoother.motion import SECOND, stretches
-from sinstool.methods.attitude_smoother.rest import LULL, runs
+from sinstool.methods.attitude_smoother.quiet_doubt import runs
+from sinstool.methods.attitude_smoother.rest import LULL
 from sinstool.methods.attitude_smoother.start import filtered
 
 # Walks that are tried, as multiples of that of the grade, which must be less likely by MARGIN, nat.

@@ -24,7 +24,8 @@ from sinstool.methods.attitude_smoother.epochs import (
     TURN_DOUBT,
     Epochs,
 )
-from sinstool.methods.attitude_smoother.rest import LONG_WINDOW, LULL, TURN, runs
+from sinstool.methods.attitude_smoother.quiet_doubt import TURN, runs
+from sinstool.methods.attitude_smoother.rest import LONG_WINDOW, LULL
 from sinstool.methods.sensor_errors import (
     CALIBRATED,
     IMU_GRADES,

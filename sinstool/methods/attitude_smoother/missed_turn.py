@@ -17,7 +17,8 @@ from sinstool.core.arrays import BoolArray
 from sinstool.methods.attitude_smoother.correction import Correction
 from sinstool.methods.attitude_smoother.epochs import ACCEL, DV, GYRO, W2, Epochs
 from sinstool.methods.attitude_smoother.model import EPOCH_S
-from sinstool.methods.attitude_smoother.rest import EQUAL_BIAS, LULL, WINDOW, runs
+from sinstool.methods.attitude_smoother.quiet_doubt import WINDOW, runs
+from sinstool.methods.attitude_smoother.rest import EQUAL_BIAS, LULL
 
 # An acceleration would have to add more than this to gravity, m/s^2, and less than this share of it
 # is found, beside 0.03 m/s^2 by which gravity differs with the attitude of the accelerometers.

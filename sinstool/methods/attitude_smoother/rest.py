@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from itertools import pairwise
-from math import exp
 
 import numpy as np
 
@@ -18,6 +16,7 @@ from sinstool.core.order_statistics import median
 from sinstool.core.running_median import running_median
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
+from sinstool.methods.alignment.lull import lulls
 from sinstool.methods.attitude_smoother.epochs import (
     ACCEL,
     ACCEL_VARIANCE,
@@ -40,16 +39,17 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 from sinstool.methods.attitude_smoother.filter_step import DIVERGED, SWAY_LASTS
 from sinstool.methods.attitude_smoother.model import (
+    EPOCH_S,
     FIRST_VELOCITY,
-    LARGE_BIAS,
+    GRAVITY,
     POOR_ACCEL_BIAS,
     VEHICLE,
     SensorModel,
 )
+from sinstool.methods.attitude_smoother.quiet_doubt import WINDOW, noise_of_mean, note_doubt, runs
 from sinstool.methods.attitude_smoother.start import filtered
-from sinstool.methods.sensor_errors import CALIBRATED, LIKELY, UNCALIBRATED
+from sinstool.methods.sensor_errors import CALIBRATED, LIKELY
 
-WINDOW = 10  # epochs
 AT_ONCE = 4096  # windows
 # Largest scatter at rest of the means of epochs, beyond their noise, and of single samples.
 GYRO_SCATTER, ACCEL_SCATTER = 0.12 * DEGREE, 0.03  # rad/s, m/s^2
@@ -68,14 +68,6 @@ SWAYS_SLIGHTLY, QUIET_RATE = 1.2, 2e-4
 LONG_WINDOW = 100  # epochs
 # The transport rate: what travels turns with the vertical, rad/s.
 TRANSPORT_RATE = FIRST_VELOCITY / SEMI_MAJOR_AXIS
-# One sigma of the rate of a bend that is taken for straight travel where the bias is unknown,
-# rad/s.
-SLOW_TURN = 3e-3
-# Quiet times no more epochs apart may be those of one slow turn, as of a ship that drifts.
-ONE_TURN = 150
-ROLLS = 2e-3  # rad/s, on each axis
-# Rate of a long turn of an aircraft, one sigma, rad/s.
-TURN = 0.03
 # A steady time shorter than this is a lull of the motion, in which a slow acceleration may go on.
 LULL = 25  # epochs
 # A rest shorter than this share of the longest must have the rate of the longest.
@@ -127,6 +119,7 @@ def with_rest(
         if moves is not None and moves(int(epochs.time_ns[begin]), int(epochs.time_ns[end])):
             still[begin:end] = False
     _note_sway(values, still)
+    still &= _of_gravity(values, epochs.gap) & ~_slow_motion(epochs, still)
     still &= _agreeing(values, still) & (not _swings(values, still))
     values[still, REST] = AT_REST
     return epochs
@@ -187,9 +180,10 @@ def confirmed(
     denied = still & (kinds == MOVING)
     near = np.convolve(denied, np.ones(2 * WINDOW + 1))[WINDOW:-WINDOW] > 0.0
     rows[:, REST] = np.where(near, MOVING, kinds)
+    _drop_remains(rows[:, REST], still)
     drop_lulls(rows)
     _drop_pieces(rows, still)
-    note_doubt(rows, sensors)
+    note_doubt(rows, still, sensors)
     return replace(epochs, values=rows)
 
 
@@ -209,56 +203,12 @@ def drop_lulls(rows: np.ndarray) -> None:
             rows[begin:end, REST] = QUIET
 
 
-def note_doubt(rows: np.ndarray, sensors: SensorModel) -> None:
-    """Set the doubt of the rate in quiet and steady times: the variance between such times.
-
-    Slow sway and slow turns last as long as these times do, so that each is one sample of the bias
-    only. A single one may be a long bend, if nothing else shows the bias.
-    """
-    rows[:, RATE_DOUBT] = rows[:, TURN_DOUBT] = 0.0
-    found = runs((rows[:, REST] > MOVING) & (rows[:, REST] < AT_REST))
-    if found and sensors.bias > LARGE_BIAS and _in_one_turn(rows, found):
-        quiet = np.concatenate([rows[begin:end] for begin, end in found])
-        for begin, end in found:
-            rows[begin:end, TURN_DOUBT] = _turn_doubt(quiet, sensors) * len(quiet)
-    if len(found) < 2:
-        return
-    rates = np.array([rows[begin:end, GYRO : GYRO + 3].mean(axis=0) for begin, end in found])
-    differ = float(rates.var(axis=0, ddof=1).mean())
-    for begin, end in found:
-        rows[begin:end, RATE_DOUBT] = differ * (end - begin)
-
-
-def _in_one_turn(rows: np.ndarray, found: list[tuple[int, int]]) -> bool:
-    """Whether all of these times may lie in one slow turn: there is one, or they are lulls afloat.
-
-    What floats rolls between its lulls, and they follow one another.
-    """
-    between = [(before[1], after[0]) for before, after in pairwise(found)]
-    if not between:
-        return True
-    if any(end - begin > ONE_TURN for begin, end in between):
-        return False
-    quiet, rolls = (np.concatenate([rows[a:b] for a, b in spans]) for spans in (found, between))
-    up = quiet[:, ACCEL : ACCEL + 3].mean(axis=0)
-    up /= max(float(np.linalg.norm(up)), 1e-9)
-    rate = rolls[:, GYRO : GYRO + 3] - quiet[:, GYRO : GYRO + 3].mean(axis=0)
-    across = rate - np.outer(rate @ up, up)
-    return float(np.mean(across**2)) > ROLLS**2
-
-
-def _turn_doubt(quiet: np.ndarray, sensors: SensorModel) -> float:
-    """Variance of a turn about the vertical in the only quiet times that show the bias, rad^2/s^2.
-
-    The larger the rate, the more probable that it is a turn's; then all of the rate is the turn.
-    """
-    up = quiet[:, ACCEL : ACCEL + 3].mean(axis=0)
-    measured = quiet[:, GYRO : GYRO + 3].mean(axis=0) - np.asarray(sensors.bias_mean)
-    rate = float(measured @ up) / max(float(np.linalg.norm(up)), 1e-9)
-    turn, *biases = (
-        exp(-0.5 * (rate / sigma) ** 2) / sigma for sigma in (TURN, CALIBRATED, UNCALIBRATED)
-    )
-    return SLOW_TURN**2 + turn / (turn + 0.5 * sum(biases)) * rate**2
+def _drop_remains(kinds: np.ndarray, still: np.ndarray) -> None:
+    """Mark as moving what is left of a refuted rest where it is too short to show anything."""
+    for begin, end in runs(kinds > MOVING):
+        whole = not still[begin - 1 : begin].any() and not still[end : end + 1].any()
+        if end - begin < WINDOW // 2 and not whole:
+            kinds[begin:end] = MOVING
 
 
 def _drop_pieces(rows: np.ndarray, still: np.ndarray) -> None:
@@ -298,6 +248,32 @@ def _drop_short_turns(
     for begin, end in runs(other):
         if end - begin < SHORT_SHARE * (last - first):
             rows[begin:end, REST] = MOVING
+
+
+def _of_gravity(rows: np.ndarray, gap: np.ndarray) -> np.ndarray:
+    """Epochs with a specific force of gravity's size, or of its usual one in the log."""
+    force = np.linalg.norm(rows[:, ACCEL : ACCEL + 3], axis=1)
+    usual = float(median(force[~gap])) if not gap.all() else GRAVITY
+    return np.asarray(np.minimum(np.abs(force - GRAVITY), np.abs(force - usual)) < POOR_FORCE)
+
+
+def _slow_motion(epochs: Epochs, still: np.ndarray) -> np.ndarray:
+    """Epochs of apparent rests that may be part of a slow motion."""
+    rows, found = epochs.values, runs(still)
+    squares = [rows[:, at : at + 3].sum(axis=1) for at in (GYRO_VARIANCE, ACCEL_VARIANCE)]
+    joined = ~(epochs.gap | np.concatenate(([True], epochs.gap[:-1])))
+    moving = np.zeros(len(rows), np.bool_)
+    marked = lulls(
+        rows[:, GYRO : GYRO + 3],
+        noise_of_mean(rows),
+        np.column_stack(squares),
+        joined,
+        found,
+        EPOCH_S,
+    )
+    for (begin, end), lull in zip(found, marked, strict=True):
+        moving[begin:end] = lull
+    return moving
 
 
 def _note_sway(rows: np.ndarray, still: np.ndarray) -> None:
@@ -407,7 +383,13 @@ def _swings(rows: np.ndarray, still: np.ndarray) -> bool:
     found = runs(still)
     if not found or max(end - begin for begin, end in found) >= LULL:
         return False
-    return float(np.mean(_same_rate(rows, still)[still])) < MOST_ALIKE
+    usual = median(rows[still, GYRO : GYRO + 3], axis=0)
+    noise, alike = noise_of_mean(rows), 0
+    for begin, end in found:
+        off = rows[begin:end, GYRO : GYRO + 3].mean(axis=0) - usual
+        own = LIKELY * np.sqrt(3.0 * noise[begin:end].mean() / (end - begin))
+        alike += (end - begin) * int(np.linalg.norm(off) < EQUAL_BIAS + own)
+    return alike < MOST_ALIKE * int(np.count_nonzero(still))
 
 
 def _same_rate(rows: np.ndarray, still: np.ndarray) -> np.ndarray:
@@ -416,9 +398,3 @@ def _same_rate(rows: np.ndarray, still: np.ndarray) -> np.ndarray:
     own = np.linalg.norm(np.sqrt(rows[:, GYRO_VARIANCE : GYRO_VARIANCE + 3]), axis=1)
     noise = LIKELY * own / np.sqrt(np.maximum(rows[:, COUNT], 1.0))
     return np.asarray(np.linalg.norm(off, axis=1) < EQUAL_BIAS + noise)
-
-
-def runs(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Begin and end of each stretch of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in pairwise(edges.tolist())][::2]

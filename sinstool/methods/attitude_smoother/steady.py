@@ -32,14 +32,13 @@ from sinstool.methods.attitude_smoother.epochs import (
 from sinstool.methods.attitude_smoother.filter_step import ACCELERATES, DENIED, SWAY_LASTS
 from sinstool.methods.attitude_smoother.model import GRAVITY, MotionModel, SensorModel
 from sinstool.methods.attitude_smoother.motion import find_motion
+from sinstool.methods.attitude_smoother.quiet_doubt import note_doubt, runs
 from sinstool.methods.attitude_smoother.rest import (
     LONG_WINDOW,
     LULL,
     TRANSPORT_RATE,
     drop_lulls,
     mean_over,
-    note_doubt,
-    runs,
 )
 from sinstool.methods.attitude_smoother.smoother import NO_PRIOR, smooth
 from sinstool.methods.attitude_smoother.start import Prior
@@ -101,7 +100,7 @@ def with_steady(
         return epochs
     values = epochs.values if in_place else epochs.values.copy()
     values[lull | (kinds == STEADY), REST] = QUIET
-    note_doubt(values, sensors)
+    note_doubt(values, looks_at_rest, sensors)
     alone = values[:, REST].copy()
     rounds = 2 if sensors.accel_bias < GOOD_ACCEL_BIAS else 1
     for _ in range(rounds if long else 0):
@@ -110,7 +109,7 @@ def with_steady(
         agrees, tilted = agrees_with_travel(epochs, looks_at_rest, sensors, smoothed)
         values[:, REST] = np.where(doubted & agrees, STEADY, alone)
         drop_lulls(values)
-        note_doubt(values, sensors)
+        note_doubt(values, looks_at_rest, sensors)
         # a constant acceleration, as large as the tilt could hide
         for begin, end in runs(values[:, REST] == STEADY):
             hidden = float(np.mean(tilted[begin:end]))

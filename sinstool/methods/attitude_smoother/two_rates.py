@@ -26,7 +26,8 @@ from sinstool.methods.attitude_smoother.epochs import (
 )
 from sinstool.methods.attitude_smoother.even_turn import NO_TURN, EvenTurn, bias_density
 from sinstool.methods.attitude_smoother.model import SensorModel
-from sinstool.methods.attitude_smoother.rest import LULL, TRANSPORT_RATE, TURN, runs
+from sinstool.methods.attitude_smoother.quiet_doubt import TURN, runs
+from sinstool.methods.attitude_smoother.rest import LULL, TRANSPORT_RATE
 from sinstool.methods.sensor_errors import Grade
 
 # A bend turns about the vertical: across it, rates differ by no more than this share of that.

@@ -36,6 +36,7 @@ from sinstool.methods.attitude_smoother.model import (
     sensor_model,
 )
 from sinstool.methods.attitude_smoother.motion import Motion, find_motion, likeliest_stop_rate
+from sinstool.methods.attitude_smoother.quiet_doubt import WINDOW
 from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, drop_turns
 from sinstool.methods.attitude_smoother.smoother import gravity_at_rest, gravity_off
 from sinstool.methods.attitude_smoother.start import Prior
@@ -50,6 +51,8 @@ from sinstool.survey.source import Source
 CAUTION = 2.0
 # The mean rate of a still span is the gyro bias if this share of it is judged to be a rest.
 LEAST_REST = 0.5
+# So many epochs beside a turn that looked quiet are part of it, as they hardly differ from it.
+BESIDE_TURN = 2 * WINDOW
 
 
 class EpochJudge:
@@ -134,7 +137,8 @@ class EpochJudge:
             epochs, motion = self._judged(seen, looks, sensors, prior)
         turns = turning(epochs, motion.model, sensors, prior)
         if turns.any():
-            looks[turns, MARKS.index(REST)] = MOVING
+            near = np.convolve(turns, np.ones(2 * BESIDE_TURN + 1), "same") > 0.0
+            looks[near, MARKS.index(REST)] = MOVING
             epochs, motion = self._judged(seen, looks, sensors, prior)
         if motion.model.name == "vehicle":
             sensors, epochs, motion = self._bends(seen, looks, epochs, motion, sensors, prior)

@@ -156,7 +156,7 @@ class Smoothing:
         spans = (
             (span.start_ns, span.end_ns)
             for span in self._source.survey.spans
-            if span.duration_s >= LONG_REST_S
+            if span.duration_s >= LONG_REST_S and not span.lull
         )
         epochs = with_rest(stage.finish(), self._gnss_moves, spans)
         return_freed_memory()
