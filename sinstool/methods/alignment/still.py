@@ -17,7 +17,7 @@ from sinstool.core.parts import kernel, part
 from sinstool.core.quaternion_kernels import EXACT, dcm, increment_quaternion, product
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE, STANDARD_GRAVITY
-from sinstool.methods.alignment.lull import lulls
+from sinstool.methods.lulls import lulls
 
 WINDOW_NS = 500_000_000
 # Noise of working sensors at rest, with an engine idling: beyond this something moves.
@@ -161,8 +161,8 @@ class StillSpan:
     gyro_std, accel_std : float
         Noise of single samples, norm over the axes.
     lull : bool
-        It may be part of a slow motion; see `lull`. Or its specific force is not of gravity's size,
-        nor of that which is usual in the log, as in a turn of an aircraft.
+        It may be part of a slow motion, see `lulls`, or its specific force is neither of gravity's
+        size nor of that which is usual in the log, as in a turn of an aircraft.
     """
 
     start_ns: int

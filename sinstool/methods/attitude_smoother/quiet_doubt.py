@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import pairwise
-from math import exp
+from math import exp, sqrt
 
 import numpy as np
 
@@ -37,6 +37,8 @@ ONE_TURN = 150
 ROLLS = 2e-3  # rad/s, on each axis
 # Rate of a long turn of an aircraft, one sigma, rad/s.
 TURN = 0.03
+# A lower probability of a turn is none.
+LEAST = 0.01
 # A median of distances, times OF_MEDIAN, is a standard deviation; it is of so many pieces or more.
 OF_MEDIAN, LEAST_PIECES = 1.4826, 4
 
@@ -55,15 +57,16 @@ def note_doubt(rows: np.ndarray, looked: np.ndarray, sensors: SensorModel) -> No
     """
     rows[:, RATE_DOUBT] = rows[:, TURN_DOUBT] = 0.0
     found = runs((rows[:, REST] > MOVING) & (rows[:, REST] < AT_REST))
-    if found and sensors.bias > LARGE_BIAS and _in_one_turn(rows, found):
+    if not found:
+        return
+    differ = float(_means(rows, found).var(axis=0, ddof=1).mean()) if len(found) > 1 else 0.0
+    if sensors.bias > LARGE_BIAS:
         quiet = np.concatenate([rows[begin:end] for begin, end in found])
+        again = 0 if _in_one_turn(rows, found) else len(found) - 1
         for begin, end in found:
-            rows[begin:end, TURN_DOUBT] = _turn_doubt(quiet, sensors) * len(quiet)
-    differ = 0.0
-    if len(found) > 1:
-        rates = _means(rows, found)
-        differ = float(rates.var(axis=0, ddof=1).mean())
-    if found and not (rows[:, REST] == AT_REST).any():
+            doubt = _turn_doubt(quiet, sensors, again, differ)
+            rows[begin:end, TURN_DOUBT] = doubt * len(quiet)
+    if not (rows[:, REST] == AT_REST).any():
         differ = max(differ, _spread(rows, looked, found))
     for begin, end in found:
         rows[begin:end, RATE_DOUBT] = differ * (end - begin)
@@ -112,10 +115,11 @@ def _in_one_turn(rows: np.ndarray, found: list[tuple[int, int]]) -> bool:
     return float(np.mean(across**2)) > ROLLS**2
 
 
-def _turn_doubt(quiet: np.ndarray, sensors: SensorModel) -> float:
+def _turn_doubt(quiet: np.ndarray, sensors: SensorModel, again: int, differ: float) -> float:
     """Variance of a turn about the vertical in the only quiet times that show the bias, rad^2/s^2.
 
     The larger the rate, the more probable that it is a turn's; then all of the rate is the turn.
+    Turns seldom have a rate again, to within a variance by which these times differ.
     """
     up = quiet[:, ACCEL : ACCEL + 3].mean(axis=0)
     measured = quiet[:, GYRO : GYRO + 3].mean(axis=0) - np.asarray(sensors.bias_mean)
@@ -123,7 +127,11 @@ def _turn_doubt(quiet: np.ndarray, sensors: SensorModel) -> float:
     turn, *biases = (
         exp(-0.5 * (rate / sigma) ** 2) / sigma for sigma in (TURN, CALIBRATED, UNCALIBRATED)
     )
-    return SLOW_TURN**2 + turn / (turn + 0.5 * sum(biases)) * rate**2
+    if not again:
+        return SLOW_TURN**2 + turn / (turn + 0.5 * sum(biases)) * rate**2
+    turn *= min(1.0, sqrt(differ + sensors.zero_rate**2) / TURN) ** again
+    share = turn / max(turn + 0.5 * sum(biases), 1e-300)
+    return share * rate**2 if share > LEAST else 0.0
 
 
 def noise_of_mean(rows: np.ndarray) -> np.ndarray:

@@ -16,7 +16,6 @@ from sinstool.core.order_statistics import median
 from sinstool.core.running_median import running_median
 from sinstool.core.timeline import SECOND
 from sinstool.core.units import DEGREE
-from sinstool.methods.alignment.lull import lulls
 from sinstool.methods.attitude_smoother.epochs import (
     ACCEL,
     ACCEL_VARIANCE,
@@ -48,6 +47,7 @@ from sinstool.methods.attitude_smoother.model import (
 )
 from sinstool.methods.attitude_smoother.quiet_doubt import WINDOW, noise_of_mean, note_doubt, runs
 from sinstool.methods.attitude_smoother.start import filtered
+from sinstool.methods.lulls import lulls
 from sinstool.methods.sensor_errors import CALIBRATED, LIKELY
 
 AT_ONCE = 4096  # windows

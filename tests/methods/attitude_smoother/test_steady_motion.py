@@ -33,7 +33,8 @@ from sinstool.methods.attitude_smoother.model import (
     sensor_model,
 )
 from sinstool.methods.attitude_smoother.motion import find_motion
-from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, note_doubt, with_rest
+from sinstool.methods.attitude_smoother.quiet_doubt import note_doubt
+from sinstool.methods.attitude_smoother.rest import MARKS, confirmed, with_rest
 from sinstool.methods.attitude_smoother.smoother import smooth
 from sinstool.methods.attitude_smoother.steady import agrees_with_travel, with_steady
 from sinstool.methods.coning.registry import algorithm
@@ -562,7 +563,7 @@ def test_the_faster_a_lone_quiet_time_turns_the_less_it_shows_the_bias(deg_s, le
     rows[20:60, REST] = QUIET
     rows[:, ACCEL : ACCEL + 3] = [0.0, 0.0, -9.8]
     sensors = replace(SensorModel(), bias_mean=(0.0, 0.0, np.radians(deg_s)))
-    note_doubt(rows, sensors)
+    note_doubt(rows, rows[:, REST] > MOVING, sensors)
     doubt = np.degrees(np.sqrt(rows[:, TURN_DOUBT] / 40.0))
     assert least < doubt[20:60].min() <= doubt.max() < most
     assert not doubt[:20].any() and not doubt[60:].any()
