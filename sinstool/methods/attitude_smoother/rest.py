@@ -204,10 +204,11 @@ def drop_lulls(rows: np.ndarray) -> None:
 
 
 def _drop_remains(kinds: np.ndarray, still: np.ndarray) -> None:
-    """Mark as moving what is left of a refuted rest where it is too short to show anything."""
+    """Mark as moving what is left of a refuted rest, and is only quiet, where it is too short."""
     for begin, end in runs(kinds > MOVING):
         whole = not still[begin - 1 : begin].any() and not still[end : end + 1].any()
-        if end - begin < WINDOW // 2 and not whole:
+        short = end - begin < WINDOW // 2 and (kinds[begin:end] < AT_REST).all()
+        if short and not whole:
             kinds[begin:end] = MOVING
 
 
