@@ -179,6 +179,12 @@ def _fixes(
         if fixes is None:
             text = f"topic {topic} holds no valid fix"
             findings.append(Finding("no-fixes", text, topic=topic))
+    if fixes is not None and not np.isfinite(fixes.height).any():
+        text = (
+            f"topic {topic}: no fix has a height: that of an INS/GNSS solution begins at 0 m with a"
+            " sigma of a kilometre, and only its changes mean something"
+        )
+        findings.append(Finding("no-heights", text, topic=topic))
     if fixes is not None and options.gnss_unit == "rad":
         degrees = {"latitude": fixes.latitude / DEGREE, "longitude": fixes.longitude / DEGREE}
         fixes = replace(fixes, **degrees)

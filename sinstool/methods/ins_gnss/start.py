@@ -23,6 +23,8 @@ TWICE_USED = 1.5
 
 # Fixes further from the start than this say nothing of it, s.
 NEAR_S = 2.0
+# Sigma of a height that no fix shows, m, and of its change beyond the nearest one that does, m/s.
+UNKNOWN_HEIGHT, CLIMB = 1000.0, 5.0
 
 
 def start_at(
@@ -125,16 +127,35 @@ def _position(
     velocity: FloatArray,
     p_velocity: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    good = gnss.has_position & np.isfinite(gnss.height)
-    left, _, _, _ = _around(time_ns, when, good, "position")
+    whole = gnss.has_position & np.isfinite(gnss.height)
+    near = np.abs(when - time_ns) <= NEAR_S * 1e9
+    left, _, _, _ = _around(
+        time_ns, when, whole if (whole & near).any() else gnss.has_position, "position"
+    )
     away = float(time_ns - when[left]) * 1e-9
     sigma = _sigma(
         gnss.sigma_position_n[left], settings.gnss.position_white, settings.gnss.position_markov
     )
     lat, lon, height = gnss.latitude[left], gnss.longitude[left], gnss.height[left]
+    if not np.isfinite(height):
+        height, sigma[2] = _height(time_ns, when, gnss, whole)
     north, east, down = velocity * away
     place = np.array([*displaced(lat, lon, height, north, east), height - down])
     return place, np.diag(sigma**2) + away**2 * p_velocity
+
+
+def _height(
+    time_ns: int, when: IntArray, gnss: GnssEpochs, whole: BoolArray
+) -> tuple[float, float]:
+    """Height and its sigma, m, where fixes have none: that of the nearest one that has."""
+    rows = np.flatnonzero(whole)
+    if not len(rows):
+        return 0.0, UNKNOWN_HEIGHT
+    apart = np.abs(when[rows] - time_ns)
+    nearest = int(np.argmin(apart))
+    own = float(np.nan_to_num(gnss.sigma_position_n[rows[nearest], 2]))
+    climbed = CLIMB * float(apart[nearest]) * 1e-9
+    return float(gnss.height[rows[nearest]]), min(float(np.hypot(own, climbed)), UNKNOWN_HEIGHT)
 
 
 def _around(

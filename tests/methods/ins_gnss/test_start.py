@@ -55,6 +55,31 @@ def test_position_and_velocity_of_the_imu_between_two_fixes(latency):
         assert np.trace(turned) > 1e-4 * np.dot(LEVER, LEVER)
 
 
+@pytest.mark.parametrize("without", ["all", "near"])
+def test_where_fixes_have_no_height_that_of_the_nearest_one_counts_or_none(without):
+    flight = manoeuvring_flight(60.0, 100.0, latitude=-0.6, longitude=2.8, heading=1.0, seed=3)
+    gnss = epochs(gnss_samples(flight, Receiver(10.0, 0.033, 0.0, LEVER, GnssErrors()), 1))
+    seconds = (gnss.time_ns - flight.time_ns[0]) * 1e-9
+    none = np.ones(len(gnss), bool) if without == "all" else np.abs(seconds - 30.0) < 5.0
+    gnss = replace(gnss, height=np.where(none, np.nan, gnss.height))
+    truth = moments(flight, flight.time_ns[3000:3001])
+    start = start_at(
+        int(flight.time_ns[3000]),
+        truth.q_nb[0],
+        1e-4 * np.eye(3),
+        gnss,
+        for_grade("mems", lever_arm_b=LEVER),
+        omega_eb_b=truth.omega_ib_b[0],
+    )
+    assert abs(start.nav[0] - truth.latitude[0]) * 6.37e6 < 0.1
+    sigma = np.sqrt(start.covariance_position_n[2, 2])
+    if without == "all":
+        assert abs(start.nav[2]) < 5.0 and sigma == pytest.approx(1000.0, rel=0.01)
+    else:
+        assert sigma == pytest.approx(25.0, rel=0.2)
+        assert abs(start.nav[2] - truth.height[0]) < 3.0 * sigma
+
+
 @pytest.mark.parametrize("before_s", [None, 5.0, 15.0], ids=["decades", "5 s", "15 s"])
 @pytest.mark.parametrize("turned_round", [False, True])
 def test_a_fix_beyond_an_outage_is_no_place_to_start_from(before_s, turned_round):
