@@ -188,6 +188,11 @@ def barometer(source: Source, config: ProcessConfig) -> tuple[HeightReference | 
         if config.vertical.height_damping == "baro":
             height_reference(source, config, 0.0)  # says what is missing
         return None, notes
+    asked = config.vertical.height_damping == "baro" or config.input.baro_topic is not None
+    if barometer.problem is not None and not asked:
+        # A position without a barometer is better than none
+        why = str(barometer.problem).removeprefix(f"{source.path}: ")
+        return None, [*notes, f"no barometer is used: {why}"]
     vertical = config.vertical.model_copy(update={"height_damping": "baro"})
     damped = config.model_copy(update={"vertical": vertical})
     start = source.position[2] or 0.0
