@@ -92,7 +92,8 @@ def _spread(rows: np.ndarray, looked: np.ndarray, quiet: list[tuple[int, int]]) 
     if len(pieces) < LEAST_PIECES:
         return 0.0
     kept = np.concatenate([rows[begin:end, GYRO : GYRO + 3] for begin, end in quiet])
-    off = np.abs(_means(rows, pieces) - kept.mean(axis=0))
+    # By their length, as one bend of a smooth road may be in many pieces
+    off = np.repeat(np.abs(_means(rows, pieces) - kept.mean(axis=0)), np.diff(pieces)[:, 0], axis=0)
     own = np.mean([noise_of_mean(rows[begin:end]).mean() / (end - begin) for begin, end in pieces])
     return max(0.0, float(np.mean((OF_MEDIAN * median(off, axis=0)) ** 2)) - float(own))
 
