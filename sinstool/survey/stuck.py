@@ -168,7 +168,7 @@ def stale_velocities(fixes: Gnss, velocity: Velocity) -> BoolArray:
 
 def _alike(*columns: FloatArray) -> BoolArray:
     """Whether each row but the first is the one before it, to the last bit."""
-    same = np.ones(len(columns[0]) - 1, dtype=np.bool_)
+    same = np.ones(max(len(columns[0]) - 1, 0), dtype=np.bool_)
     for column in columns:
         same &= (column[1:] == column[:-1]) | (np.isnan(column[1:]) & np.isnan(column[:-1]))
     return same

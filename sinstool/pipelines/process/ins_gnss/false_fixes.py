@@ -21,7 +21,12 @@ from sinstool.core.streams import GnssEpochs, concatenate
 from sinstool.core.timeline import SECOND
 from sinstool.methods.coning.algorithm import ConingAlgorithm
 from sinstool.methods.ins_gnss.filter import InsGnssFilter
-from sinstool.methods.ins_gnss.fix_jumps import PRECISE_M, FalseStretch, false_stretches
+from sinstool.methods.ins_gnss.fix_jumps import (
+    MOST_S,
+    PRECISE_M,
+    FalseStretch,
+    false_stretches,
+)
 from sinstool.methods.ins_gnss.fix_velocity import message_times, worse_than_usual
 from sinstool.methods.ins_gnss.scattered_fixes import ScatteredStretch, scattered_stretches
 from sinstool.methods.ins_gnss.settings import GnssModel
@@ -185,8 +190,11 @@ def _stamps(stretch: FalseStretch | ScatteredStretch, stamps: np.ndarray) -> tup
     """First and last stamp; among fixes that scatter are some that the filter did not take."""
     first, last = int(stamps[stretch.first]), int(stamps[stretch.last])
     if isinstance(stretch, ScatteredStretch):
-        first = int(stamps[stretch.first - 1]) + 1 if stretch.first else first
-        last = int(stamps[stretch.last + 1]) - 1 if stretch.last + 1 < len(stamps) else last
+        # Beyond an outage is no fix beside them
+        if stretch.first and first - stamps[stretch.first - 1] <= MOST_S * SECOND:
+            first = int(stamps[stretch.first - 1]) + 1
+        if stretch.last + 1 < len(stamps) and stamps[stretch.last + 1] - last <= MOST_S * SECOND:
+            last = int(stamps[stretch.last + 1]) - 1
     return first, last
 
 
