@@ -25,6 +25,7 @@ from typing import Any
 
 from sinstool.campaign import jobs
 from sinstool.core.errors import UncachedWarning
+from sinstool.core.temporary import remove_unfinished
 
 # A job whose worker dies is tried once more.
 ATTEMPTS = 2
@@ -160,10 +161,16 @@ def _serve(pipe: Connection) -> None:
             show(message, category, *where, **more)
 
     warnings.showwarning = hand_on
-    with contextlib.suppress(EOFError, OSError):
-        while True:
-            task = pipe.recv()
-            pipe.send(jobs.perform(task, pipe.send))
+    try:
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                task = pipe.recv()
+                pipe.send(jobs.perform(task, pipe.send))
+    finally:
+        # The signal may have interrupted the removal of files, when the pipe broke before it came;
+        # multiprocessing calls no exit handlers.
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        remove_unfinished()
     # The system frees the memory faster than the interpreter would.
     os._exit(0)
 

@@ -183,7 +183,10 @@ def _locked_for_good(handle: int) -> bool:
 
 
 @atexit.register
-def _tidy() -> None:
+def remove_unfinished() -> None:
+    """Remove what an interrupted clean-up has left; a process that ends without exit handlers does
+    so itself.
+    """
     for path in tuple(_unfinished):
         with contextlib.suppress(OSError):
             remove_file(path)

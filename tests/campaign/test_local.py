@@ -83,6 +83,13 @@ def test_a_job_that_kills_every_worker_is_missing(tmp_path):
     assert left(tmp_path) == []
 
 
+def test_a_worker_that_is_ended_while_it_cleans_up_leaves_nothing(tmp_path):
+    # no folders: nobody else removes what it leaves, as where the main process was killed
+    values, _ = outcomes([job(work.ended_while_cleaning_up, tmp_path)])
+    assert values[0].died and "ended with status 1, 2 times" in values[0].error
+    assert left(tmp_path) == []
+
+
 def gone(pid):
     try:
         os.kill(pid, 0)

@@ -40,6 +40,19 @@ def dies(folder, times, progress):
     return begun
 
 
+def ended_while_cleaning_up(folder, progress):
+    """Be told to end after an error, in the middle of removing what is unfinished."""
+    whole = WholeFile(folder / "out")
+
+    def close():
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(10.0)
+
+    whole.stream.close = close
+    with whole:
+        raise OSError("the pipe is broken")
+
+
 def waits(folder, number, progress):
     """Write, without end."""
     with WholeFile(folder / f"out-{number}") as whole:
