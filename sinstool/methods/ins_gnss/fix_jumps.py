@@ -74,7 +74,8 @@ def false_stretches(
     time_ns : ndarray of int64, shape (n,)
         Of epochs with a position, in order, without those that the receiver states to be worse.
     innovation : ndarray, shape (n, 3)
-        Navigation less fix, m, of a filter that hardly follows the fixes.
+        Navigation less fix, m, of a filter that hardly follows the fixes, and to which all are
+        equally uncertain.
     left : ndarray, shape (n, 3)
         Share of each innovation that remains after the correction of the filter.
     sigma : ndarray, shape (n, 3)
@@ -85,7 +86,7 @@ def false_stretches(
     step = innovation[1:] - left[:-1] * innovation[:-1]
     step = step - running_median(step, AROUND)
     near = successive(time_ns, step)
-    jump, scale = _jumps(step, near)
+    jump, scale = _jumps(np.linalg.norm(step, axis=1) * certainty(left), near)
     if not jump.any() or np.median(scale) > PRECISE_M:
         return []
     chain = np.concatenate([[0], np.cumsum(~near)])
@@ -112,9 +113,32 @@ def successive(time_ns: IntArray, step: FloatArray) -> BoolArray:
     return np.asarray(near & (np.linalg.norm(step, axis=1) <= MOST_M))
 
 
-def _jumps(step: FloatArray, near: BoolArray) -> tuple[BoolArray, FloatArray]:
-    """Which changes are jumps, and the scatter of the others about each, m."""
-    size = np.where(near, np.linalg.norm(step, axis=1), 0.0)
+def certainty(left: FloatArray) -> FloatArray:
+    """How well a navigation knows its changes from one epoch to the next, beside the usual.
+
+    Where it does not know its attitude, as after a restart, it changes by metres from fix to fix
+    by its own errors.
+
+    Parameters
+    ----------
+    left : ndarray, shape (n, 3)
+        As that of :func:`false_stretches`. By sigmas of the navigation before an epoch and after
+        it, over that of the fixes, it is 1 / (1 + before^2) and 1 - after^2.
+
+    Returns
+    -------
+    ndarray, shape (n - 1,)
+        Usual sigma of a change over its own, 1 at most.
+    """
+    grown = (1.0 / left[1:] - 1.0) - (1.0 - left[:-1])
+    sigma = np.sqrt(np.maximum(grown, 0.0).sum(axis=1))
+    usual = np.full_like(sigma, np.median(sigma))
+    return np.divide(usual, sigma, out=np.ones_like(sigma), where=sigma > usual)
+
+
+def _jumps(size: FloatArray, near: BoolArray) -> tuple[BoolArray, FloatArray]:
+    """Which changes are jumps, by their sizes, m, and the scatter of the others about each, m."""
+    size = np.where(near, size, 0.0)
     usual = float(np.median(size[near])) if near.any() else 0.0
     scale = np.maximum(running_median(size, AROUND), usual) / NORMAL
     around = np.pad(size, 1)

@@ -16,6 +16,7 @@ from tests.helpers.unseen_drives import (
     record,
     with_outliers,
     without_fixes,
+    without_samples,
     write,
 )
 
@@ -127,3 +128,13 @@ def test_good_fixes_stay_as_the_receiver_says(tmp_path):
         data = without_fixes(with_outliers(data, seed), [(70.0, 82.0), (120.0, 121.0)])
         result, _ = run(write(tmp_path / "log.mcap", data))
         assert not [f for f in result["findings"] if f["kind"] == "false-fixes"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 8])
+def test_a_filter_that_restarts_does_not_blame_the_fixes(tmp_path, seed):
+    """Its errors after a gap of the IMU are larger than any of a receiver."""
+    data = record(drive(seed, 360.0), GRADES["industrial"], seed)
+    data = without_samples(data, 200.0, 60.0)
+    result, _ = run(write(tmp_path / "log.mcap", data), gnss={"lever_arm": tuple(LEVER.tolist())})
+    assert not [f for f in result["findings"] if f["kind"] == "false-fixes"]
