@@ -40,6 +40,9 @@ REFUTED = 4.0
 # Stretches that agree are right if they hold this share of the epochs; else none is known to be
 # right.
 MAJORITY = 0.55
+# A navigation that lost its attitude knows it again where no fix jumps, and most change by less than
+# this many times what is usual.
+SETTLED = 2.0
 NORMAL = 1.538  # median of the length of three unit normals
 
 
@@ -74,8 +77,7 @@ def false_stretches(
     time_ns : ndarray of int64, shape (n,)
         Of epochs with a position, in order, without those that the receiver states to be worse.
     innovation : ndarray, shape (n, 3)
-        Navigation less fix, m, of a filter that hardly follows the fixes, and to which all are
-        equally uncertain.
+        Navigation less fix, m, of a filter that hardly follows the fixes.
     left : ndarray, shape (n, 3)
         Share of each innovation that remains after the correction of the filter.
     sigma : ndarray, shape (n, 3)
@@ -86,7 +88,7 @@ def false_stretches(
     step = innovation[1:] - left[:-1] * innovation[:-1]
     step = step - running_median(step, AROUND)
     near = successive(time_ns, step)
-    jump, scale = _jumps(np.linalg.norm(step, axis=1) * certainty(left), near)
+    jump, scale = _jumps(step, near)
     if not jump.any() or np.median(scale) > PRECISE_M:
         return []
     chain = np.concatenate([[0], np.cumsum(~near)])
@@ -113,32 +115,44 @@ def successive(time_ns: IntArray, step: FloatArray) -> BoolArray:
     return np.asarray(near & (np.linalg.norm(step, axis=1) <= MOST_M))
 
 
-def certainty(left: FloatArray) -> FloatArray:
-    """How well a navigation knows its changes from one epoch to the next, beside the usual.
-
-    Where it does not know its attitude, as after a restart, it changes by metres from fix to fix
-    by its own errors.
+def unsettled(
+    time_ns: IntArray, innovation: FloatArray, left: FloatArray, lost_ns: IntArray
+) -> BoolArray:
+    """Which epochs show the errors of a navigation that lost its attitude, not those of fixes.
 
     Parameters
     ----------
-    left : ndarray, shape (n, 3)
-        As that of :func:`false_stretches`. By sigmas of the navigation before an epoch and after
-        it, over that of the fixes, it is 1 / (1 + before^2) and 1 - after^2.
+    time_ns, innovation, left
+        As those of :func:`false_stretches`.
+    lost_ns : ndarray of int64
+        When it lost its attitude: the ends of gaps of the IMU.
 
     Returns
     -------
-    ndarray, shape (n - 1,)
-        Usual sigma of a change over its own, 1 at most.
+    ndarray of bool, shape (n,)
+        Epochs from such a time on, until fixes change as little as usual from one to the next.
     """
-    grown = (1.0 / left[1:] - 1.0) - (1.0 - left[:-1])
-    sigma = np.sqrt(np.maximum(grown, 0.0).sum(axis=1))
-    usual = np.full_like(sigma, np.median(sigma))
-    return np.divide(usual, sigma, out=np.ones_like(sigma), where=sigma > usual)
+    lost = np.zeros(len(time_ns), np.bool_)
+    wide = 2 * AROUND + 1
+    if len(time_ns) <= wide:
+        return lost
+    step = innovation[1:] - left[:-1] * innovation[:-1]
+    step = step - running_median(step, AROUND)
+    near = successive(time_ns, step)
+    size = np.where(near, np.linalg.norm(step, axis=1), np.inf)
+    usual = float(np.median(size))
+    jumps = np.convolve(size > SIGMAS * usual / NORMAL, np.ones(wide), "same") > 0.0
+    calm = (running_median(size, wide) <= SETTLED * usual) & ~jumps
+    for first in np.searchsorted(time_ns, lost_ns).tolist():
+        # Of windows that begin after it
+        settled = np.flatnonzero(calm[first + AROUND :])
+        lost[first : first + int(settled[0]) if len(settled) else len(lost)] = True
+    return lost
 
 
-def _jumps(size: FloatArray, near: BoolArray) -> tuple[BoolArray, FloatArray]:
-    """Which changes are jumps, by their sizes, m, and the scatter of the others about each, m."""
-    size = np.where(near, size, 0.0)
+def _jumps(step: FloatArray, near: BoolArray) -> tuple[BoolArray, FloatArray]:
+    """Which changes are jumps, and the scatter of the others about each, m."""
+    size = np.where(near, np.linalg.norm(step, axis=1), 0.0)
     usual = float(np.median(size[near])) if near.any() else 0.0
     scale = np.maximum(running_median(size, AROUND), usual) / NORMAL
     around = np.pad(size, 1)

@@ -21,7 +21,7 @@ import numpy as np
 
 from sinstool.core.arrays import BoolArray, FloatArray, IntArray
 from sinstool.core.running_median import running_median
-from sinstool.methods.ins_gnss.fix_jumps import AROUND, NORMAL, certainty, successive
+from sinstool.methods.ins_gnss.fix_jumps import AROUND, NORMAL, successive
 
 # Fixes scatter if from one to the next they change by so many times what their stated sigmas allow,
 # and by so many times what is usual in the log; at least by so much, m.
@@ -65,8 +65,7 @@ def scattered_stretches(
         return []
     step = innovation[1:] - left[:-1] * innovation[:-1]
     near = successive(time_ns, step)
-    size = np.linalg.norm(step - running_median(step, AROUND), axis=1) * certainty(left)
-    size = np.where(near, size, 0.0)
+    size = np.where(near, np.linalg.norm(step - running_median(step, AROUND), axis=1), 0.0)
     change = running_median(size, AROUND) / NORMAL
     stated = np.sqrt(np.mean(np.square(sigma[1:]) + np.square(sigma[:-1]), axis=1))
     usual = float(np.median(size[near])) / NORMAL if near.any() else 0.0

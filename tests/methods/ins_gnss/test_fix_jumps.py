@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sinstool.methods.ins_gnss.fix_jumps import certainty, false_stretches
-from sinstool.methods.ins_gnss.scattered_fixes import scattered_stretches
+from sinstool.methods.ins_gnss.fix_jumps import false_stretches, unsettled
 
 SIGMA = 0.02
 WAY = np.array([0.6, -0.5, 1.3])
@@ -14,15 +13,14 @@ def innovations(off, rate=5.0, left=0.99, seed=0):
     """Of a filter that drifts, and takes off a part of each as it corrects."""
     random = np.random.default_rng(seed)
     n = len(off)
-    left = np.broadcast_to(left, (n, 3)).copy()
     drift = 0.2 * np.sin(np.arange(n)[:, None] / rate / np.array([5.0, 7.0, 11.0]))
     own, nu = np.zeros(3), np.empty((n, 3))
     for k in range(n):
         own = own + (drift[k] - drift[k - 1] if k else 0.0)
         nu[k] = own - off[k] + SIGMA * random.standard_normal(3)
-        own = own - (1.0 - left[k]) * nu[k]
+        own = own - (1.0 - left) * nu[k]
     time_ns = np.round(np.arange(n) / rate * 1e9).astype(np.int64)
-    return time_ns, nu, left, np.full((n, 3), SIGMA)
+    return time_ns, nu, np.full((n, 3), left), np.full((n, 3), SIGMA)
 
 
 def spans(found):
@@ -60,34 +58,29 @@ def test_a_receiver_that_says_so_is_right():
     assert false_stretches(time_ns, nu, left, sigma) == []
 
 
-def shares_left(sigma):
-    """What filters leave of innovations, by the sigma of their changes over that of the fixes."""
-    left, after = [], 1.0
-    for change in sigma:
-        left.append(1.0 / (1.0 + after + change**2))
-        after = 1.0 - left[-1]
-    return np.repeat(np.array(left)[:, None], 3, axis=1)
-
-
-def test_certainty_beside_the_usual():
-    sigma = np.where(np.abs(np.arange(100) - 50) < 10, 5.0, 1.0)
-    assert certainty(shares_left(sigma))[1:] == pytest.approx(1.0 / sigma[2:], rel=1e-6)
-    assert np.all(certainty(np.ones((10, 3))) == 1.0)
-
-
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize(
-    ("stretches", "lost"),
-    [(false_stretches, [300, 360]), (scattered_stretches, range(300, 360))],
-)
-def test_errors_of_a_navigation_that_says_so_are_not_those_of_fixes(stretches, lost, seed):
-    change = np.zeros((600, 3))
-    change[lost] = np.random.default_rng([seed, 6]).normal(0.0, 1.0, (len(lost), 3))
-    sigma = np.full(600, 0.02)
-    assert stretches(*innovations(np.cumsum(change, axis=0), seed=seed))
-    sigma[lost] = 1.0
-    left = shares_left(sigma)
-    assert stretches(*innovations(np.cumsum(change, axis=0), left=left, seed=seed)) == []
+@pytest.mark.parametrize("rate", [1.0, 5.0])
+def test_what_a_navigation_that_lost_its_attitude_shows_is_left_aside(rate, seed):
+    """Its errors shrink, some at once; the fixes are right until they are off, much later."""
+    random = np.random.default_rng([seed, 6])
+    since = np.maximum(np.arange(600) - 200, 0)
+    wander = np.where(since > 0, np.exp(-since / 25.0), 0.0)[:, None]
+    own = np.cumsum(wander * random.standard_normal((600, 3)), axis=0)
+    own[260:] += 0.8
+    off = own + steps((450, 500, WAY))
+    time_ns, nu, left, _ = innovations(off, rate, seed=seed)
+    aside = unsettled(time_ns, nu, left, time_ns[[200]] - 10)
+    assert not aside[:200].any() and aside[200:260].all() and not aside[380:].any()
+    assert not unsettled(time_ns, nu, left, time_ns[:0]).any()
+    assert not unsettled(time_ns[:20], nu[:20], left[:20], time_ns[:1]).any()
+
+
+def test_a_navigation_that_never_settles_shows_nothing():
+    random = np.random.default_rng(7)
+    own = np.cumsum(random.standard_normal((600, 3)) * (np.arange(600) >= 400)[:, None], axis=0)
+    time_ns, nu, left, _ = innovations(own)
+    aside = unsettled(time_ns, nu, left, time_ns[[400]])
+    assert not aside[:400].any() and aside[400:].all()
 
 
 def test_what_is_no_jump():

@@ -26,10 +26,11 @@ from sinstool.methods.ins_gnss.fix_jumps import (
     PRECISE_M,
     FalseStretch,
     false_stretches,
+    unsettled,
 )
 from sinstool.methods.ins_gnss.fix_velocity import message_times, worse_than_usual
 from sinstool.methods.ins_gnss.scattered_fixes import ScatteredStretch, scattered_stretches
-from sinstool.methods.ins_gnss.settings import GnssModel
+from sinstool.methods.ins_gnss.settings import GnssModel, Settings
 from sinstool.pipelines.process.ins_gnss.filter_settings import receiver_stated
 from sinstool.pipelines.process.ins_gnss.filter_start import FilterStart
 from sinstool.pipelines.process.ins_gnss.first_fixes import (
@@ -45,6 +46,8 @@ from sinstool.survey.source import Source
 
 # Noise of fixes, m and m/s, for a filter that hardly follows false ones.
 POSITION, VELOCITY = (1.0, 1.0, 1.6), (0.3, 0.3, 0.5)
+# A filter hardly knows its heading after a gap of the IMU in which it may change by this, rad.
+TURNED = 0.1
 MOST_NAMED = 5
 KIND = "false-fixes"
 
@@ -174,6 +177,8 @@ def _stretches(
     good &= ~worse_than_usual(used)[row] & ~_repeated(used)[row]
     row, innovation = row[good], epochs.innovation[good, :3]
     left = np.square(epochs.measurement_sigma / epochs.innovation_sigma)[good, :3]
+    known = ~unsettled(epochs.time_ns[good], innovation, left, _attitude_lost(source, settings))
+    row, innovation, left = row[known], innovation[known], left[known]
     stamps = message_times(used, start.lag)[row]
     # As the receiver states it, without the changes made for a start
     stated = gnss.sigma_position_n[np.searchsorted(gnss.time_ns, stamps)]
@@ -184,6 +189,12 @@ def _stretches(
             found.append(one)
     found.sort(key=lambda one: one.first)
     return [_WrongFixes(*_stamps(one, stamps), one.off_m, _how(one)) for one in found]
+
+
+def _attitude_lost(source: Source, settings: Settings) -> np.ndarray:
+    """Ends, ns, of gaps of the IMU in which the vehicle may have turned."""
+    turned = [gap for gap in source.survey.gaps if gap[1] * settings.gap_rate > TURNED]
+    return np.array([begin + round(length * SECOND) for begin, length in turned], np.int64)
 
 
 def _stamps(stretch: FalseStretch | ScatteredStretch, stamps: np.ndarray) -> tuple[int, int]:

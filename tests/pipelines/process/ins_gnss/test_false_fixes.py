@@ -131,10 +131,20 @@ def test_good_fixes_stay_as_the_receiver_says(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [3, 8])
-def test_a_filter_that_restarts_does_not_blame_the_fixes(tmp_path, seed):
+@pytest.mark.parametrize(("seed", "truth"), [(3, drive), (8, drive), (2, multicopter)])
+def test_a_filter_that_restarts_does_not_blame_the_fixes(tmp_path, seed, truth):
     """Its errors after a gap of the IMU are larger than any of a receiver."""
-    data = record(drive(seed, 360.0), GRADES["industrial"], seed)
+    data = record(truth(seed, 360.0), GRADES["industrial"], seed)
     data = without_samples(data, 200.0, 60.0)
     result, _ = run(write(tmp_path / "log.mcap", data), gnss={"lever_arm": tuple(LEVER.tolist())})
     assert not [f for f in result["findings"] if f["kind"] == "false-fixes"]
+
+
+@pytest.mark.slow
+def test_fixes_that_are_off_after_a_gap_of_the_imu_are_found(tmp_path):
+    data = recorded(3, drive(3, 420.0), [(330.0, 360.0)])
+    data = without_samples(data, 200.0, 30.0)
+    result, _ = run(write(tmp_path / "log.mcap", data), gnss={"lever_arm": tuple(LEVER.tolist())})
+    (found,) = [f for f in result["findings"] if f["kind"] == "false-fixes"]
+    assert int(found["start_ns"]) == pytest.approx(T0 + 330 * 10**9, abs=10**9)
+    assert int(found["end_ns"]) == pytest.approx(T0 + 360 * 10**9, abs=10**9)
