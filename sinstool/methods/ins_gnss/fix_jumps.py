@@ -40,8 +40,8 @@ REFUTED = 4.0
 # Stretches that agree are right if they hold this share of the epochs; else none is known to be
 # right.
 MAJORITY = 0.55
-# A navigation that lost its attitude knows it again where no fix jumps, and most change by less than
-# this many times what is usual.
+# A navigation that lost its attitude knows it again where no fix jumps, and most of them change by
+# less than this many times what is usual.
 SETTLED = 2.0
 NORMAL = 1.538  # median of the length of three unit normals
 
