@@ -63,15 +63,17 @@ def make_plan(source: Source, config: ProcessConfig) -> Plan:
     grade = sensor_grade(source, config)
     mode, filter_start, findings = _mode(source, config)
     attitude = _attitude(source, config, mode.value, grade.grade)
-    samples = _gyro_samples(config, attitude.value)
+    samples = _gyro_samples(given, attitude.value)
     config = as_planned(config, samples.value)
     alignment = None
     if filter_start is None:
         shown = _shown(source, config) if mode.value == "ins" else None
         alignment = align(source, config, shown)
+        attitude = _attitude(source, config, mode.value, grade.grade, alignment)
+        samples = _gyro_samples(given, attitude.value)
+        config = as_planned(config, samples.value)
     first = _first_attitude(source, config, alignment, filter_start)
     algorithm = choose_algorithm(source, config)
-    attitude = _attitude(source, config, mode.value, grade.grade)
     magnetic, doubts = _magnetometer(source, config, attitude, alignment)
     if filter_start is None:  # else its contradictions say so
         doubts = (*doubts, *stated_noise_denied(source, config))
@@ -205,8 +207,14 @@ def _not_withheld(source: Source, config: ProcessConfig) -> list[Finding]:
     return findings
 
 
-def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) -> Choice:
-    """Whether gravity holds up the attitude."""
+def _attitude(
+    source: Source,
+    config: ProcessConfig,
+    mode: str,
+    grade: Grade,
+    alignment: Alignment | None = None,
+) -> Choice:
+    """Whether gravity holds up the attitude; before the first attitude is known, provisionally."""
     option, configured = "--attitude", config.navigation.attitude
     if mode == "ins-gnss":
         return Choice("filtered", "as GNSS corrects it", option)
@@ -222,19 +230,28 @@ def _attitude(source: Source, config: ProcessConfig, mode: str, grade: Grade) ->
         )
     if source.survey.duration_s < SHORTEST_S:
         return Choice("inertial", f"as the log is shorter than {SHORTEST_S:g} s", option)
-    if grade == "navigation" and _holds_alone(source, config):
+    if grade == "navigation" and _holds_alone(source, config, alignment):
         return Choice("inertial", "as the gyros are of navigation grade", option)
     return Choice("smoothed", "as gravity holds roll and pitch better than the gyros", option)
 
 
-def _holds_alone(source: Source, config: ProcessConfig) -> bool:
+def _holds_alone(source: Source, config: ProcessConfig, alignment: Alignment | None) -> bool:
     """Whether good gyros hold an attitude: it begins right, and the Earth's rate is taken off.
 
-    Without a latitude it turns by 15 deg/h; that of a moving first second is degrees off.
+    Without a latitude it turns by 15 deg/h, and without a heading the level part of the Earth's
+    rate is taken off in a wrong direction; that of a moving first second is degrees off.
     """
     survey = source.survey
     levelled = survey.lead_in is not None or survey.oriented or source.aiding.gnss is not None
-    return source.latitude is not None and (levelled or config.align.align != "auto")
+    north = alignment is None or _counts_from_north(alignment, config)
+    return source.latitude is not None and north and (levelled or config.align.align != "auto")
+
+
+def _counts_from_north(alignment: Alignment, config: ProcessConfig) -> bool:
+    """Whether heading does: an orientation of the log without a sigma may count from anywhere."""
+    return alignment.north_referenced and (
+        alignment.sigma_rad[2] is not None or config.align.align != "auto"
+    )
 
 
 def _imu_noise(source: Source, config: ProcessConfig) -> Choice:
@@ -279,12 +296,7 @@ def _magnetometer(
         return MagneticTopic("", "as GNSS shows the heading"), ()
     if attitude.value != "smoothed":
         return MagneticTopic("", f"as the attitude is {attitude.value}"), ()
-    # An orientation of the log that comes without a sigma may count from anywhere
-    north = alignment is not None and (
-        alignment.north_referenced
-        and (alignment.sigma_rad[2] is not None or config.align.align != "auto")
-    )
-    if name is None and north:
+    if name is None and alignment is not None and _counts_from_north(alignment, config):
         return MagneticTopic("", "as the first attitude counts from north already"), ()
     chosen = choose_magnetometer(source.log, name, source.imu_topic, source.body_frame)
     if not chosen.doubtful:

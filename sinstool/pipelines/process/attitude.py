@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from sinstool.config import ProcessConfig
 from sinstool.core.finding import Finding, Severity
 from sinstool.core.streams import Diagnostics, Imu, Solution
-from sinstool.core.units import DEGREE
+from sinstool.core.units import DEGREE, DEGREE_PER_HOUR
 from sinstool.methods.alignment.initial import NOT_STILL, Alignment
 from sinstool.methods.strapdown.attitude import AttitudeRun, AttitudeSettings
 from sinstool.pipelines.align.earth_rotation import earth_rate
@@ -29,6 +29,9 @@ from sinstool.survey.source import Source, imu_blocks
 
 if TYPE_CHECKING:
     from sinstool.pipelines.process.smoothing import Smoothing
+
+# A drift of roll and pitch over the log that is not worth a warning, rad.
+SMALL_DRIFT = 0.1 * DEGREE
 
 
 class AttitudeMode(Mode):
@@ -128,6 +131,8 @@ class AttitudeMode(Mode):
         if self.source.latitude is None:
             text = "the latitude is unknown, so the Earth's rate is not removed"
             findings.append(Finding("no-latitude", text, answer="give --latitude"))
+        elif self._smoothing is None and not alignment.north_referenced:
+            findings += self._turned_earth_rate()
         smoothing = self._smoothing
         if smoothing is not None:
             findings += smoothing.findings()
@@ -140,6 +145,21 @@ class AttitudeMode(Mode):
             height=None if vertical is None else vertical.summary(),
             findings=tuple(findings),
         )
+
+    def _turned_earth_rate(self) -> list[Finding]:
+        """That its level part is taken off in a direction that a heading of 0 has."""
+        earth = earth_rate(self.source)
+        assert earth is not None
+        drift = 2.0 * float(earth[0])
+        if drift * self.source.survey.duration_s < SMALL_DRIFT:
+            return []
+        per_hour = drift / DEGREE_PER_HOUR
+        text = (
+            "heading does not count from north, so the level part of the Earth's rate is removed"
+            f" in a wrong direction: roll and pitch may drift by {per_hour:.2g} deg/h"
+        )
+        answer = "give --initial-attitude with --align fixed, or --attitude smoothed"
+        return [Finding("earth-rate", text, answer=answer, numbers={"drift_deg_h": per_hour})]
 
 
 def _not_held(alignment: Alignment) -> Finding:
