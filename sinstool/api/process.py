@@ -290,5 +290,7 @@ def _recorder(log: Path, report: Path | None, config: ProcessConfig) -> Recorder
 
     if not config.output.truth:
         return Recorder()
+    # A rig is described in FRD, and so are its attitudes
+    body_axes = config.input.body_axes if config.hse.hse is None else "frd"
     with open_log(log, config.input.salvage) as opened:
-        return Recorder(read_references(opened, config.output.truth, config.input.body_axes))
+        return Recorder(read_references(opened, config.output.truth, body_axes))

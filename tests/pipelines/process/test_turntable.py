@@ -9,6 +9,7 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 from sinstool.core.rotation import to_euler
+from sinstool.core.units import DEGREE
 from tests.helpers.hse_rigs import (
     ARCSEC,
     WITHOUT_OFFSET,
@@ -131,6 +132,17 @@ def test_every_attitude_is_the_truth(calibrated, tmp_path):
     np.testing.assert_allclose(
         np.radians([final["roll_deg"], final["pitch_deg"], final["heading_deg"]]), last, atol=2e-8
     )
+
+
+def test_a_reference_is_of_the_turning_body(calibrated, tmp_path):
+    """It was read as of a body in FLU: 104 deg of heading were off, and no word said why."""
+    hse, _, _ = calibrated
+    epsilon = tuple(map(float, WITHOUT_OFFSET.split(",")))
+    log, rig = log_at(tmp_path, "turning", 65, 0.9, "40,-40", epsilon, truth=True)
+    options = ("--force", "--truth", "/truth/imu", "--only-results")
+    status, printed, _, _ = process(tmp_path, log, rig, hse, *options)
+    assert status == 0
+    assert max(printed["truth"]["attitude_deg"]["largest"]) < 0.003 * ARCSEC / DEGREE
 
 
 def test_attitude_survives_a_late_encoder(calibrated, tmp_path):
