@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from sinstool.core.errors import ConfigurationError
+from sinstool.core.errors import ConfigurationError, SinstoolError
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -43,3 +45,25 @@ def load(group: str, name: str) -> Any:
             f"the plug-in {name}{owner} cannot be loaded: {type(exc).__name__}: {exc}",
             f"repair or uninstall it ({entry.value})",
         ) from exc
+
+
+@contextmanager
+def blamed(who: object, error: Callable[[str], SinstoolError]) -> Iterator[None]:
+    """Errors of somebody else's code in the body become errors that name it.
+
+    Parameters
+    ----------
+    who : object
+        What runs: an instance or a class. What is sinstool's own keeps its traceback.
+    error : callable
+        From the text of an exception to the error.
+    """
+    try:
+        yield
+    except (SinstoolError, MemoryError):
+        raise
+    except Exception as exc:  # whatever the code of somebody else does
+        kind = who if isinstance(who, type) else type(who)
+        if kind.__module__.startswith("sinstool."):
+            raise
+        raise error(f"{type(exc).__name__}: {exc}") from exc

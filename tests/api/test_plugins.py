@@ -22,6 +22,16 @@ AVERAGED, _, COMMAS = (
     text for language, text, _, _ in blocks(ROOT / "docs" / "plug-ins.md") if language == "python"
 )
 BROKEN = """
+class Half(Averaged):
+    def _fill(self, x, dt, first, out):
+        out[::2] = x[first : first + len(out)][::2]  # nothing of every second one
+
+
+class Failing(Averaged):
+    def _fill(self, x, dt, first, out):
+        raise KeyError("half")
+
+
 def broken():
     raise ValueError("no licence")
 """
@@ -31,6 +41,8 @@ averaged = fake_sinstool_plugin:Averaged
 absent = fake_sinstool_plugin:NotThere
 broken = fake_sinstool_plugin:broken
 odd = builtins:dict
+half = fake_sinstool_plugin:Half
+failing = fake_sinstool_plugin:Failing
 previous-1 = fake_sinstool_plugin:broken
 
 [sinstool.readers]
@@ -105,6 +117,31 @@ def test_the_command_line_finds_it_too(distribution, tmp_path, monkeypatch):
 def test_a_plug_in_that_does_not_work_is_named(distribution, name, said):
     with pytest.raises(sinstool.SinstoolError, match=said):
         sinstool.coning.algorithm(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("half", "coning algorithm averaged fails: it gives rotations that are no finite numbers"),
+        ("failing", "coning algorithm averaged fails: KeyError: 'half'"),
+    ],
+)
+def test_an_algorithm_that_gives_nothing_gives_no_attitude(distribution, tmp_path, name, said):
+    """What it left out was whatever the memory held, or NaN: status 0, in every message."""
+    options = {"mode": "attitude", "attitude": "inertial", "coning": name}
+    with pytest.raises(sinstool.SinstoolError, match=said):
+        sinstool.process(CONING, tmp_path / "out.mcap", **options)
+    assert not (tmp_path / "out.mcap").exists()
+
+
+def test_a_reader_that_fails_is_named(distribution, tmp_path):
+    """It ended in the traceback of a fault of sinstool."""
+    path = tmp_path / "log.csv"
+    path.write_text("t,gx,gy,gz\n0,hello")
+    with pytest.raises(sinstool.SinstoolError) as caught:
+        sinstool.survey(path)
+    for part in (str(path), "CommaLog of fake_sinstool_plugin", "ValueError", "hello"):
+        assert part in str(caught.value)
 
 
 def test_sinstools_own_algorithms_cannot_be_replaced(distribution, registered):

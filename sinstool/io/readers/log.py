@@ -17,6 +17,7 @@ from sinstool.core.errors import (
     UnsupportedLogError,
     one_line,
 )
+from sinstool.core.plugins import blamed
 from sinstool.io.messages.definitions import (
     ENCODINGS,
     Definition,
@@ -201,6 +202,12 @@ class Log(ABC):
         """Have the next pass read small channels as well, and cache their messages."""
         self._cache = SideChannelCache(channels)
 
+    def _batches(self, selection: frozenset[int] | None) -> Iterator[RawBatch]:
+        """What the reader reads; a plug-in is named where it fails."""
+        whose = f"the reader {type(self).__name__} of {type(self).__module__} fails on it"
+        with blamed(self, lambda text: UnsupportedLogError(self.path, f"{whose}: {text}")):
+            yield from self._read(selection)
+
     def _pass(
         self,
         selection: frozenset[int] | None,
@@ -212,7 +219,7 @@ class Log(ABC):
         counts: dict[int, int] = {}
         latest: int | None = None
         reached = 0
-        for batch in self._read(through):
+        for batch in self._batches(through):
             if not len(batch):
                 continue
             # After a record with a wrong length the walk takes a step back.

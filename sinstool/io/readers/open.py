@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sinstool.core import plugins
-from sinstool.core.errors import NotALogError
+from sinstool.core.errors import NotALogError, UnsupportedLogError
 from sinstool.core.memory import keep_freed_memory
 from sinstool.io.readers.formats import described, kind_of
 
@@ -76,7 +77,12 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
         return UlogLog(path, salvage)
     for name in plugins.plugins(GROUP):
         reader = plugins.load(GROUP, name)
-        if reader.recognises(path, head):
-            foreign: Log = reader(path, salvage)
-            return foreign
+        with plugins.blamed(reader, partial(_failed, path, name)):
+            if reader.recognises(path, head):
+                foreign: Log = reader(path, salvage)
+                return foreign
     raise NotALogError(path, described(head), READS)
+
+
+def _failed(path: Path, name: str, text: str) -> UnsupportedLogError:
+    return UnsupportedLogError(path, f"the plug-in {name} fails on it: {text}")

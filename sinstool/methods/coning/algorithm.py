@@ -12,7 +12,9 @@ from typing import Literal
 
 import numpy as np
 
+from sinstool.core import plugins
 from sinstool.core.arrays import ArrayLike, FloatArray
+from sinstool.core.errors import ConfigurationError
 
 Takes = Literal["increments", "rates"]
 GyroKind = Literal["rate", "mean-rate", "increment"]
@@ -103,6 +105,8 @@ class ConingAlgorithm(ABC):
         ------
         ValueError
             If shapes do not fit or rows are missing.
+        ConfigurationError
+            If an algorithm of somebody else fails, or leaves or makes what is no number.
         """
         rows = np.ascontiguousarray(x, dtype=np.float64)
         intervals = np.ascontiguousarray(dt, dtype=np.float64)
@@ -118,10 +122,18 @@ class ConingAlgorithm(ABC):
                 f"{count} updates of {self.samples} intervals from row {first} do not fit "
                 f"into {len(rows)} rows."
             )
-        out = np.empty((count, 3))
+        out = np.full((count, 3), np.nan)
         if count:
-            self._fill(rows, intervals, first, out)
+            with plugins.blamed(self, self._failed):
+                self._fill(rows, intervals, first, out)
+            if not np.isfinite(out).all() and np.isfinite(rows).all():
+                raise self._failed("it gives rotations that are no finite numbers")
         return out
+
+    def _failed(self, text: str) -> ConfigurationError:
+        return ConfigurationError(
+            f"coning algorithm {self.name} fails: {text}", "choose another algorithm, or repair it"
+        )
 
     def for_kind(self, gyro_kind: GyroKind) -> ConingAlgorithm:
         """Form of this algorithm for the kind of sample that a log has.
