@@ -26,7 +26,7 @@ class NavigationOptions(Group):
         "auto",
         "kind of attitude in --mode attitude. smoothed: gravity corrects roll and pitch over the"
         " whole log, with sigmas. inertial: integrated rates only. auto: inertial for a"
-        " navigation-grade IMU or with --coning, otherwise smoothed",
+        " navigation-grade IMU whose heading is known, or with --coning, otherwise smoothed",
         brief="smoothed (by gravity), inertial, or auto",
     )
     motion: Literal["auto", "hand", "vehicle"] = option(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from sinstool.pipelines.align.first_in_motion import NO_BIAS, by_velocity, in_fl
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
+
+if TYPE_CHECKING:
+    from sinstool.methods.alignment.gyrocompass import Gyrocompass
 
 # The shortest rest for an automatic gyrocompass, s.
 GYROCOMPASS_S = 30.0
@@ -141,20 +145,23 @@ def _north_seen(source: Source, config: ProcessConfig, gnss: GnssEpochs | None) 
     orientation, the tilt by GNSS velocity will do.
     """
     grade = sensor_grade(source, config).grade
-    still, at_rest = source.survey.lead_in, None
-    if (
-        still is not None
-        and grade not in LOW_COST
-        and still.duration_s >= GYROCOMPASS_S
-        and source.latitude is not None
-    ):
-        compassed = compass(source, config, grade)
-        if compassed.status in ("ok", "degraded"):
-            at_rest = from_compass(compassed, source)
+    compassed = north_at_rest(source, config)
+    at_rest = None if compassed is None else from_compass(compassed, source)
     moving = by_velocity(source, config, grade, gnss)
     if at_rest is None or moving is None:
         return at_rest or moving
     return moving if _knows_better(moving, at_rest) else at_rest
+
+
+def north_at_rest(source: Source, config: ProcessConfig) -> Gyrocompass | None:
+    """North by the Earth's rotation, if the log begins with a rest that shows it."""
+    grade, still = sensor_grade(source, config).grade, source.survey.lead_in
+    if still is None or still.duration_s < GYROCOMPASS_S:
+        return None
+    if grade in LOW_COST or source.latitude is None:
+        return None
+    compassed = compass(source, config, grade)
+    return compassed if compassed.status in ("ok", "degraded") else None
 
 
 def _knows_better(one: Alignment, other: Alignment) -> bool:

@@ -23,7 +23,12 @@ from sinstool.methods.alignment.gyrocompass import Gyrocompass
 from sinstool.methods.alignment.inflight_answer import InFlightAlignment
 from sinstool.methods.ins_gnss.fix_velocity import with_velocities
 from sinstool.pipelines.align.earth_rotation import compass
-from sinstool.pipelines.align.first_attitude import align, seconds_from_start
+from sinstool.pipelines.align.first_attitude import (
+    AGREE_SIGMAS,
+    align,
+    north_at_rest,
+    seconds_from_start,
+)
 from sinstool.pipelines.align.in_motion import align_moving
 from sinstool.pipelines.align.result import (
     HEADING_OBSERVED,
@@ -35,7 +40,7 @@ from sinstool.pipelines.align.result import (
     plain_values,
 )
 from sinstool.pipelines.log_used import ImuTime, LogFile, Lost
-from sinstool.pipelines.plan import Plan
+from sinstool.pipelines.plan import Choice, Plan
 from sinstool.pipelines.planning import NO_INS_GNSS, NO_SOLUTION, fixed_plan, make_plan
 from sinstool.survey.grade import sensor_grade
 from sinstool.survey.source import Source, lead_in_end, prepare
@@ -195,6 +200,13 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         values = in_motion_values(
             answer, moving.settings.grade, moving.settings.gate, moving.gyro_bias
         )
+        compassed = north_at_rest(source, config) if config.align.align == "auto" else None
+        if compassed is not None and at in ("end", "start") and _better_known(compassed, answer):
+            method, answer = "gyrocompass", compassed
+            name, time_ns, span = method, answer.t_ns, (answer.t_start_ns, answer.t_ns)
+            values = at_rest_values(answer)
+            reason = f"as it shows heading better than {plan.first_attitude.value} does"
+            plan = replace(plan, first_attitude=Choice(method, reason, "--align"))
     elif method == "gyrocompass":
         if source.survey.lead_in is None or source.latitude is None:
             raise AlignmentError(
@@ -251,6 +263,21 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
         ),
         q_nb,
     )
+
+
+def _better_known(at_rest: Gyrocompass, moving: InFlightAlignment) -> bool:
+    """Whether a rest shows heading better than motion, which does not contradict it."""
+    if moving.status not in HEADING_OBSERVED:
+        return True
+    sigma, other = at_rest.sigma_rad[2], moving.sigma_rad[2]
+    if sigma >= other:
+        return False
+    try:
+        then = moving.attitude_at(np.array([at_rest.t_ns]))[0]
+    except ValueError:  # a gap lies between them
+        return False
+    turn = log(multiply(at_rest.q_nb, conjugate(then)))
+    return bool(abs(turn[2]) < AGREE_SIGMAS * np.hypot(sigma, other))
 
 
 def write_series(path: Path, alignment: LogAlignment, overwrite: bool) -> None:

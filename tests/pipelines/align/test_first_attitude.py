@@ -19,9 +19,11 @@ from sinstool.pipelines.align.first_attitude import align
 from sinstool.pipelines.align.first_in_motion import denies_rest, in_flight
 from sinstool.pipelines.align.log import align_log
 from sinstool.survey.source import prepare
+from tests.helpers.filter_logs import simulated
 from tests.helpers.imulogs import G, even_times, imu_log, resting
 from tests.helpers.launch_logs import TACTICAL, TRUTH, launched
 from tests.helpers.logs import real
+from tests.helpers.quick import mostly_slow
 from tests.helpers.unseen_drives import GRADES, drive, record, without_samples, write
 
 SHORT = "vehicle_gnss/yk_urban_short_turn_loop_nominal_002"
@@ -48,6 +50,27 @@ def test_a_flight_from_rest_is_carried_back_to_the_pad():
     assert time_ns[0] == result.time_ns
     assert np.rad2deg(np.linalg.norm(psi)) < 0.5
     assert psi @ np.linalg.solve(result.covariance_n, psi) / 3.0 < 5.0
+
+
+@pytest.mark.parametrize("latitude", mostly_slow([65.0, -35.0, 20.0], 65.0))
+def test_north_by_the_earth_at_rest_is_not_left_for_a_worse_one_by_gnss(tmp_path, latitude):
+    """Fixes of a rest gave 2.7 deg of heading, where `process` knew it to 0.1 deg."""
+    options = [
+        "--grade",
+        "navigation",
+        "--rate",
+        "20",
+        "--duration",
+        "300",
+        "--latitude",
+        f"{latitude}",
+    ]
+    path = simulated(tmp_path / "rest.mcap", "static", *options, "--attitude", "6,-21,315")
+    _, first = started(path, align={"align": "auto"})
+    found = align_log(path, ProcessConfig(), truth="/truth/imu").result
+    assert found.method == first.method == found.plan.first_attitude.value == "gyrocompass"
+    assert found.sigma_deg[2] == pytest.approx(np.degrees(first.sigma_rad[2]), rel=1e-6)
+    assert abs(found.truth.error_deg[2]) < 4.0 * found.sigma_deg[2]
 
 
 @pytest.mark.parametrize(
