@@ -13,6 +13,7 @@ import numpy as np
 from sinstool.api.log import frozen
 from sinstool.api.options import PathLike, configured, path_of
 from sinstool.core.arrays import ArrayLike
+from sinstool.core.english import counted
 from sinstool.core.errors import ConfigurationError
 from sinstool.core.streams import Baro, GnssEpochs, Imu, Solution, Stream, concatenate
 
@@ -209,7 +210,7 @@ def _check(imu: Imu) -> None:
             "give columns: log.imu(), or sinstool.Imu.of(...)",
         )
     if len(imu) < 2:
-        raise ConfigurationError(f"there are {len(imu)} IMU samples", "give at least two")
+        raise ConfigurationError(f"imu has {counted(len(imu), 'sample')}", "give at least two")
     if not (np.diff(imu.time_ns) > 0).all():
         raise ConfigurationError(
             "the IMU samples are not in time order, or two have the same time",

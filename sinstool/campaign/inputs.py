@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
-from sinstool.core.errors import ConfigurationError, NotALogError, OutputError
+from sinstool.core.errors import ConfigurationError, NotALogError, OutputError, no_such_log
 from sinstool.io.readers.formats import METADATA, kind_of
 
 OUTPUT_SUFFIX = ".mcap"
@@ -136,7 +136,7 @@ def _logs_of(path: Path, hidden: Path | None) -> list[LogInput]:
     if path.exists():
         return [LogInput(path, PurePath(path.resolve().name))]
     if not _is_pattern(path):
-        raise NotALogError(path, "there is no such file or folder")
+        raise no_such_log(path)
     root = Path(*_fixed(path))
     parts = path.parts[len(root.parts) :]
     ways = [(p, _passed(p, root)) for p in sorted(_matches(root, parts))]

@@ -103,6 +103,14 @@ class NotALogError(LogError):
     """The file is missing, empty, or not in a format that sinstool reads."""
 
 
+def no_such_log(path: Path) -> NotALogError:
+    """Error for a path at which nothing is, also of an address elsewhere."""
+    # Path leaves one of the two slashes
+    remote = re.match(r"[a-z][a-z0-9+.-]+:/", str(path)) is not None
+    hint = "sinstool reads files: copy it to this machine, or mount what holds it" if remote else ""
+    return NotALogError(path, "there is no such file or folder", hint)
+
+
 class DamagedLogError(LogError):
     """The log is truncated or a part of it is corrupt."""
 

@@ -124,7 +124,7 @@ def cut_short(epochs):
         (lambda: sinstool.integrate(GOOD, gyro_kind="mean"), "gyro_kind is 'mean'"),
         (lambda: sinstool.integrate(GOOD, coning="previous-0"), "unknown coning algorithm"),
         (lambda: sinstool.integrate(GOOD, gyro_bias="still"), "gyro_bias is not made of numbers"),
-        (lambda: sinstool.integrate(GOOD.rows(slice(0, 1))), "there are 1 IMU samples"),
+        (lambda: sinstool.integrate(GOOD.rows(slice(0, 1))), "imu has 1 sample: give at least two"),
         (lambda: sinstool.integrate(GOOD.rows(slice(None, None, -1))), "in time order"),
         (lambda: sinstool.integrate(GOOD, coning=3), "unknown coning algorithm '3'"),
         (lambda: sinstool.integrate(GOOD, max_gap_s="long"), "max_gap_s is not made of numbers"),

@@ -68,6 +68,12 @@ def test_an_input_that_is_missing_is_named_though_the_output_exists(sinstool, tm
     assert out.read_bytes() == b"precious"
 
 
+@pytest.mark.parametrize("address", ["s3://bucket/log.mcap", "https://host/log.mcap"])
+def test_an_address_elsewhere_is_told_from_a_missing_file(sinstool, tmp_path, address):
+    status, _, err = sinstool("info", address)
+    assert status == 1 and "copy it to this machine" in one_line(err)
+
+
 @pytest.mark.parametrize(
     ("out", "expected"),
     [

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sinstool.core import plugins
-from sinstool.core.errors import NotALogError, UnsupportedLogError
+from sinstool.core.errors import NotALogError, UnsupportedLogError, no_such_log
 from sinstool.core.memory import keep_freed_memory
 from sinstool.io.readers.formats import described, kind_of
 
@@ -44,7 +44,7 @@ def open_log(path: Path | str, salvage: bool = False) -> Log:
     keep_freed_memory()
     path = Path(path)
     if not path.exists():
-        raise NotALogError(path, "there is no such file or folder")
+        raise no_such_log(path)
     if path.is_dir():
         from sinstool.io.readers.rosbag2 import Rosbag2Log
 

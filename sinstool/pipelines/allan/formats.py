@@ -79,7 +79,7 @@ class Entry:
         if not self.visible:
             return f"NOT VISIBLE in this log: at most this, {self.what}, {self.unit}"
         low, high = self.interval
-        return f"{self.what}, {self.unit}; 95 %: {low:.3g} to {high:.3g}"
+        return f"{self.what}, {self.unit}; 95 %: {low:.4g} to {high:.4g}"
 
     def line(self, form: Callable[[str], str] = str) -> str:
         """The line of YAML.

@@ -74,7 +74,7 @@ def _facts(result: AllanResult) -> tuple[Fact, ...]:
         elif coefficient.value is None:
             facts.append(Fact(name, f"below {coefficient.high / size:.3g} {unit}", "not visible"))
         else:
-            interval = f"95 %: {coefficient.low / size:.3g} to {coefficient.high / size:.3g}"
+            interval = f"95 %: {coefficient.low / size:.4g} to {coefficient.high / size:.4g}"
             facts.append(Fact(name, f"{coefficient.value / size:.4g} {unit}", interval))
     return tuple(facts)
 

@@ -69,4 +69,4 @@ def shown(coefficient: Coefficient, size: float) -> str:
     if coefficient.value is None:
         return f"below {coefficient.high / size:.3g}"
     low, high = coefficient.low / size, coefficient.high / size
-    return f"{coefficient.value / size:.4g} ({low:.3g} to {high:.3g})"
+    return f"{coefficient.value / size:.4g} ({low:.4g} to {high:.4g})"
