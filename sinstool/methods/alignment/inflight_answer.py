@@ -326,7 +326,8 @@ def _refined(
     down_i = segment.dcm_ni()[0 if settings.at == "start" else -1, 2]
     begun = likeliest(refine, best.solution.dcm, down_i) if settings.around else None
     first = begun or refine(best.solution.dcm)
-    result, lacking = profiled(refine, first, down_i, 3 * int(use.sum()), settings.around)
+    lasting = settings.around or settings.lasting
+    result, lacking = profiled(refine, first, down_i, 3 * int(use.sum()), lasting)
     x, sigma = result.state, np.sqrt(np.diag(result.covariance))
     parts = {
         "gyro_bias": slice(refinement.BG, refinement.BG + 3),

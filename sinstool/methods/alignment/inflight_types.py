@@ -235,6 +235,9 @@ class AlignmentSettings:
     sample_s : float
         By how much samples may be of another time, s, as likely as not: the sigmas of the answer
         then include how far the body turns meanwhile.
+    lasting : bool
+        Velocities whose errors last show heading less well than white noise of their size: its
+        sigma then allows for it, as far as the innovations show it.
     """
 
     method: str = "svd"
@@ -267,6 +270,7 @@ class AlignmentSettings:
     screen: bool = True
     series: bool = True
     sample_s: float = 0.0
+    lasting: bool = False
 
 
 @dataclass(frozen=True)

@@ -74,6 +74,7 @@ def align_moving(
     refuse_sigma: float = REFUSE_SIGMA,
     sample_s: float = 0.0,
     likely_bias: np.ndarray | None = None,
+    lasting: bool = False,
 ) -> MotionAlignment:
     """Align a log's vehicle in motion.
 
@@ -97,6 +98,8 @@ def align_moving(
     likely_bias : ndarray, shape (3,), optional
         Gyro bias, rad/s, that other fixes of the same log have shown: searched for anew only if it
         does not explain these.
+    lasting : bool, optional
+        The sigma of heading allows for errors of velocities that last, as far as they show.
 
     Returns
     -------
@@ -118,7 +121,17 @@ def align_moving(
         raise AlignmentError(f"{source.log.path}: {exc.message}", exc.hint) from exc
 
     wanted = _Wanted(
-        source, config, grade, method, at, fixes, tuple(notes), refuse_sigma, sample_s, likely_bias
+        source,
+        config,
+        grade,
+        method,
+        at,
+        fixes,
+        tuple(notes),
+        refuse_sigma,
+        sample_s,
+        likely_bias,
+        lasting,
     )
     if config.in_flight.gate != "auto":
         return _through(config.in_flight.gate, wanted)
@@ -149,6 +162,7 @@ class _Wanted:
     refuse_sigma: float
     sample_s: float
     likely_bias: np.ndarray | None
+    lasting: bool
 
 
 def _through(gate: str, wanted: _Wanted) -> MotionAlignment:
@@ -181,6 +195,7 @@ def _through(gate: str, wanted: _Wanted) -> MotionAlignment:
         likely: np.ndarray | None = None,
     ) -> MotionAlignment:
         settings = _settings(config, errors, wanted.method, gate, wanted.at, begin, survey)
+        settings = replace(settings, sample_s=wanted.sample_s, lasting=wanted.lasting)
         return align_in_motion(
             SpanReader(
                 rate_blocks(source, config, _reading_from(source, gate, begin)),
@@ -189,7 +204,7 @@ def _through(gate: str, wanted: _Wanted) -> MotionAlignment:
             config.input.sample_kind,
             _interval_ns(source) / SECOND,
             fixes,
-            replace(settings, refuse_sigma=sigma, sample_s=wanted.sample_s, around=around),
+            replace(settings, refuse_sigma=sigma, around=around),
             bias if likely is None else likely,
             in_motion.spans(gate, begin, end, first, int(fixes.time_ns[-1])),
             UNKNOWN_BIAS if doubtful and likely is None else None,

@@ -194,7 +194,9 @@ def _align(source: Source, config: ProcessConfig, plan: Plan) -> LogAlignment:
             gnss = with_velocities(gnss, white, model.position_wander)
         # No log shows whether a sample is a mean until its stamp, or a rate at it
         half = 0.0 if plan.gyro_samples.configured else 0.5 * source.survey.interval_ns / SECOND
-        moving = align_moving(source, config, grade.grade, method, when, gnss, sample_s=half)
+        moving = align_moving(
+            source, config, grade.grade, method, when, gnss, sample_s=half, lasting=True
+        )
         answer = moving.result
         name, time_ns, span = answer.method, answer.t_ns, (answer.t_q_ns, answer.t_stop_ns)
         values = in_motion_values(

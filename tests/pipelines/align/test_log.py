@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from sinstool.config import ProcessConfig
+from sinstool.config.load import build
 from sinstool.core import rotation
 from sinstool.core.errors import AlignmentError
 from sinstool.methods.alignment.inflight_answer import InFlightAlignment
-from sinstool.pipelines.align.log import errors, tilt_errors
+from sinstool.pipelines.align.log import align_log, errors, tilt_errors
+from tests.helpers.filter_logs import simulated
 from tests.helpers.launch_logs import (
     PERFECT,
     TACTICAL,
@@ -144,16 +147,15 @@ def test_every_outlier_is_found(share):
 
 
 @pytest.mark.slow
-def test_a_clipping_gyro_harms_only_without_the_gate():
+def test_what_a_clipping_gyro_harms_is_left_out_without_the_gate_too():
+    """Its fixes fit so badly that the minute does not show heading: it was 7 deg off, degraded."""
     log = launched(*TACTICAL, "--gyro-range", "200")
     gated = aligned(log, **SAID)
     assert total(gated) < 0.3
     without = aligned(log, in_flight={"gate": "off"}, **SAID)
-    assert total(without) > 1.0
-    assert without.result.status == "degraded"
-    assert without.result.sigma_worst_deg > 20.0 * gated.result.sigma_worst_deg
-    assert any("clipped" in w for w in without.result.warnings)
-    assert any("inconsistent" in w for w in without.result.warnings)
+    assert total(without) < 3.0 * without.result.sigma_worst_deg
+    assert without.result.start_s >= 60.0
+    assert any("aligned with what follows" in w for w in without.result.warnings)
     answer = aligned(log, in_flight={"gate": "off", "gyro_range": 200.0})
     assert answer.result.start_s == pytest.approx(11.1, abs=0.2)
     assert total(answer) < 0.2
@@ -281,3 +283,24 @@ def test_tilt_errors_are_those_of_small_rotations_whatever_the_heading():
         result = rotation.multiply(rotation.exp(psi), heading)
         np.testing.assert_allclose(tilt_errors(result, true), psi[:, :2], atol=1e-7)
     np.testing.assert_allclose(errors(rotation.multiply(rotation.exp(psi), true), true), psi)
+
+
+# -- receivers whose velocities are off for a minute ---------------------------------------------
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["coloured", "launch"])
+def test_heading_is_as_certain_as_lasting_errors_of_velocities_allow(tmp_path, model):
+    """They counted as white: headings were off by 3.1 sigmas, root mean square, status 0."""
+    off = []
+    for seed in range(200, 210):
+        options = ["--grade", "navigation", "--gnss-model", model, "--seed", str(seed)]
+        path = simulated(
+            tmp_path / "in.mcap", "drive", *options, "--duration", "240", "--overwrite"
+        )
+        config = build(ProcessConfig, {"align": {"align": "svd"}})
+        found = align_log(path, config, truth="/truth/imu").result
+        assert found.status == "ok"
+        off.append(found.truth.error_deg[2] / found.sigma_deg[2])
+    # beyond 1.72 by chance once in a thousand such sets
+    assert np.sqrt(np.mean(np.square(off))) < 1.72
