@@ -16,6 +16,7 @@ from sinstool.survey.unit_evidence import (
     LEAST_MISFIT,
     accel_looks_like_g,
     degrees_look_like_radians,
+    force_at_rest,
     gyro_looks_like_degrees,
     may_spin_fast,
     rests_under_gravity,
@@ -113,7 +114,8 @@ def _why_degrees(s: Survey) -> str:
 
 def _accel_unit(s: Survey, options: InputOptions) -> Iterator[Finding]:
     force = s.specific_force_median
-    if accel_looks_like_g(force):
+    at_rest = force_at_rest(s.lead_in, s.spans)
+    if accel_looks_like_g(force) and not at_rest < WEIGHTLESS:
         text = f"topic {s.topic}: the specific force is {force:.3f} in size, as in units of g"
         if options.accel_unit is None:
             yield Finding(
@@ -140,10 +142,14 @@ def _accel_unit(s: Survey, options: InputOptions) -> Iterator[Finding]:
             answer="add --gyro-kind increment (or --accel-unit m/s^2 if the log is right)",
             severity=Severity.FAILED,
         )
-    elif force < WEIGHTLESS:
+    elif min(force, at_rest) < WEIGHTLESS and force < GRAVITY_SIZES[0]:
+        # Motion alone may be as large as gravity in g is
+        size = f"{force:.3f} m/s^2 in size"
+        if force >= WEIGHTLESS:
+            size = f"{at_rest:.3f} m/s^2 in size at rest"
         yield Finding(
             "no-gravity",
-            f"topic {s.topic}: the specific force is only {force:.3f} m/s^2 in size, so the"
+            f"topic {s.topic}: the specific force is only {size}, so the"
             " driver has removed gravity, or the data are empty",
             answer="it does not show the tilt; use --align log or --align fixed",
         )

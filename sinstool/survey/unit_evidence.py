@@ -247,12 +247,20 @@ def accel_looks_like_g(specific_force_median: float) -> bool:
     return 0.8 < specific_force_median < 1.25
 
 
+def force_at_rest(lead_in: StillSpan | None, spans: Sequence[StillSpan]) -> float:
+    """Size of the specific force, m/s^2, in the rest at the beginning, or else in the longest one.
+
+    NaN without a rest.
+    """
+    rest = lead_in or max(spans, key=lambda span: span.duration_s, default=None)
+    return np.nan if rest is None else float(np.linalg.norm(rest.accel))
+
+
 def rests_under_gravity(lead_in: StillSpan | None, spans: Sequence[StillSpan]) -> bool:
     """Whether the rest at the beginning, or else the longest one, feels gravity in m/s^2.
 
     Then that is the unit, however little a log feels that mostly falls, as a rocket's does, or how
     much one feels that burns most of the time.
     """
-    rest = lead_in or max(spans, key=lambda span: span.duration_s, default=None)
     low, high = GRAVITY_SIZES
-    return rest is not None and bool(low < np.linalg.norm(rest.accel) < high)
+    return low < force_at_rest(lead_in, spans) < high

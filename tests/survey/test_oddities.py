@@ -304,6 +304,18 @@ def test_gravity_taken_out(rows, findings_of):
     assert not is_fatal(odd) and "--align log" in odd.answer
 
 
+@pytest.mark.parametrize("moving", [0.5, 0.8])
+def test_gravity_taken_out_of_a_vehicle_that_mostly_moves(rows, findings_of, moving):
+    """Its own acceleration is as large as gravity in g, which a rest shows to be missing."""
+    random, first = np.random.default_rng(0), round((1.0 - moving) * N)
+    rows.accel = 0.02 * random.standard_normal((N, 3))
+    rows.accel[first:, 0] += 1.1 * np.sign(np.sin(np.arange(N - first) / 100.0))
+    rows.gyro[first:] += 0.3 * random.standard_normal((N - first, 3))
+    found = findings_of(rows)
+    assert "accel-unit" not in found
+    assert "removed gravity" in found["no-gravity"].text
+
+
 @pytest.mark.parametrize("factor", [0.3, 0.6, 1.5])
 def test_odd_sizes_of_gravity(rows, findings_of, factor):
     rows.accel *= factor
