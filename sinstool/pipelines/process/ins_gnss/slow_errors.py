@@ -21,6 +21,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sinstool.core.arrays import FloatArray
 from sinstool.methods.ins_gnss.states import GNSS_POSITION
 from sinstool.methods.land_vehicle.shaking import Shaking
 from sinstool.methods.sensor_errors import Triple
@@ -46,6 +47,9 @@ BY_CHANCE = 2.7
 LEAST_EPOCHS = 100
 # Slow errors of positions last so long at most, s: beyond that they count as constant here.
 MOST_LASTING_S = 3200.0
+# Innovations whose squares are less than so many times those expected are too small for any time
+# that errors last: the longest then only looks likeliest. White noise is measured to this share.
+TOO_SMALL, LEAST_WHITE = 0.5, 0.01
 # Whether velocities are off shows better with the time that errors of positions last.
 ROUNDS = 2
 SLOW = "; slow errors"
@@ -149,7 +153,8 @@ def with_slow_errors(
         best = _beside_velocities(cost, best) if known else best
         if best[:2] != NONE[:2]:
             break
-        longer = _lasting(_with(judged, best), lambda one: _fit(increments, one, shaken)[0])
+        scattered = _as_scattered(_with(judged, best))
+        longer = _lasting(scattered, lambda one: _fit(increments, one, shaken))
         if longer == judged.settings.gnss.position_time:
             break
         judged, start = judged.lasting(longer), start.lasting(longer)
@@ -190,21 +195,59 @@ def _beside_velocities(cost: Callable[[Steps], float], best: Steps) -> Steps:
     return both if cost(both) < cost(best) - LEAST_GAIN else best
 
 
-def _lasting(start: FilterStart, cost: Callable[[FilterStart], float]) -> float:
+def _lasting(start: FilterStart, fit: Callable[[FilterStart], tuple[float, float]]) -> float:
     """How long slow errors of positions last, s, by all innovations of a start with these.
 
     A receiver states how large they are. If they change by less within minutes, they last longer,
     and no filter averages them out.
     """
     lasts = start.settings.gnss.position_time
-    first = least = cost(start)
-    longest = lasts
+    first, square = fit(start)
+    least, longest = first, lasts
     while longest * STEP <= MOST_LASTING_S:
-        shown = cost(start.lasting(longest * STEP))
+        shown, squares = fit(start.lasting(longest * STEP))
         if shown >= least:
             break
-        longest, least = longest * STEP, shown
-    return longest if least < first - LEAST_GAIN else lasts
+        longest, least, square = longest * STEP, shown, squares
+    return longest if least < first - LEAST_GAIN and square > TOO_SMALL else lasts
+
+
+def _as_scattered(start: FilterStart) -> FilterStart:
+    """A start whose fixes have no more white noise than they show, to judge how long others last.
+
+    That of a receiver that smooths its fixes is taken for more. All innovations are then smaller
+    than expected, and errors that hardly change, which leave the least to expect, look likeliest.
+    """
+    if start.white is None:
+        return start
+    model, gnss = start.settings.gnss, start.gnss
+
+    def less(shown: tuple[float, float], usual: Triple) -> tuple[Triple, FloatArray]:
+        most = np.array(usual)
+        north, east, down = np.fmin(
+            np.fmax(np.array(shown)[[0, 0, 1]], LEAST_WHITE * most), most
+        ).tolist()
+        return (north, east, down), np.square([north, east, down]) - np.square(most)
+
+    position, by = less(start.white.position, model.position_white)
+    velocity, by_v = less(start.white.velocity, model.velocity_white)
+    return replace(
+        start,
+        settings=replace(
+            start.settings,
+            gnss=replace(model, position_white=position, velocity_white=velocity),
+        ),
+        gnss=replace(
+            gnss,
+            sigma_position_n=_changed(gnss.sigma_position_n, by),
+            sigma_velocity_n=_changed(gnss.sigma_velocity_n, by_v),
+        ),
+    )
+
+
+def _changed(sigma: FloatArray, by: FloatArray) -> FloatArray:
+    """Sigmas of single fixes, with another white variance."""
+    return np.sqrt(np.maximum(np.square(sigma) + by, np.square(LEAST_WHITE * sigma)))
 
 
 def _search(cost: Callable[[Steps], float], best: Steps, ways: Sequence[Steps]) -> Steps:
