@@ -35,7 +35,7 @@ DRIFTS, KNOT_FIXES, KNOT_S = 1.5, 64, 60.0
 BROKEN, FEWEST = 20, 16
 # Intervals are estimated by those that are within this share of a multiple of the usual one, of at
 # most so many.
-NEAR, MULTIPLE = 0.3, 5
+NEAR, MULTIPLE = 0.4, 5
 # Length of the mean of the phases of stamps, of 1 at most, below which nothing is even about them.
 EVEN = 0.5
 # The promptest stamps: this share. None is earlier by more than this part of an interval.

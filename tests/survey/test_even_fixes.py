@@ -75,6 +75,19 @@ def test_delays_are_taken_off(delays, rate, size):
         assert not even.are_of_receipt(moving((stamps - T0) * 1e-9))
 
 
+@pytest.mark.parametrize(("rate", "step"), [(3.0, 0.1), (0.7, 0.5)])
+def test_stamps_cut_to_a_step_are_late_by_what_was_cut(rate, step):
+    for seed in range(5):
+        seconds = measured(seed, rate, round(400 * rate))
+        stamps = T0 + np.round(1e9 * step * np.floor(seconds / step)).astype(np.int64)
+        even = even_times(stamps)
+        assert even is not None
+        error = (even.time_ns - T0) * 1e-9 - seconds
+        # As the clock wanders, what is cut off is not the same part of a step everywhere
+        assert np.std(error) < 0.2 * step and np.abs(error + 0.5 * step).max() < 0.5 * step
+        assert even.are_of_receipt(moving(seconds))
+
+
 @given(st.integers(0, 10_000), st.floats(0.002, 0.05))
 @settings(max_examples=30, deadline=None)
 def test_a_fused_position_is_one_of_its_stamp(seed, size):

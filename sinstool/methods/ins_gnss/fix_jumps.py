@@ -30,8 +30,8 @@ SIGMAS, LEAST_M, MOST_M, BESIDE = 8.0, 0.3, 10.0, 0.4
 # Epochs are successive within this many usual intervals, and within so many s. A lost message is no
 # outage: within the last one, s, no navigation drifts by as much as a jump.
 MOST_INTERVALS, MOST_S, LOST_S = 2.5, 2.0, 0.5
-# Fixes that scatter by more than this, m, from one to the next do not show which are false; fewer
-# false ones in a row than these are outliers.
+# Fixes that scatter by more than this, m, from one to the next, or jump more than once in `AROUND`
+# epochs, do not show which are false; fewer false ones in a row than these are outliers.
 PRECISE_M, LEAST_EPOCHS = 0.25, 3
 # Two stretches agree within this, m, and within this many sigmas of the jumps between them.
 APART_M, APART = 0.2, 4.0
@@ -89,7 +89,8 @@ def false_stretches(
     step = step - running_median(step, AROUND)
     near = successive(time_ns, step)
     jump, scale = _jumps(step, near)
-    if not jump.any() or np.median(scale) > PRECISE_M:
+    rare = np.count_nonzero(jump) * AROUND < len(jump)
+    if not jump.any() or not rare or np.median(scale) > PRECISE_M:
         return []
     chain = np.concatenate([[0], np.cumsum(~near)])
     stretch = np.concatenate([[0], np.cumsum(~near | jump)])

@@ -90,6 +90,8 @@ def test_what_is_no_jump():
     slow = np.outer(np.sin(np.arange(600) / 60.0), WAY)
     assert false_stretches(*innovations(slow)) == []
     assert false_stretches(*innovations(steps((300, 600, 40.0 * WAY)))) == []
+    often = steps(*((k, k + 6, (-1.0) ** k * WAY) for k in range(0, 600, 11)))
+    assert false_stretches(*innovations(often)) == []
     time_ns, nu, left, sigma = innovations(np.zeros((600, 3)))
     time_ns[300:] += 40 * 10**9
     nu[300], left[300] = 100.0 * WAY, 1e-4  # believed at once
