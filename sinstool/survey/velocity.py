@@ -31,7 +31,8 @@ LONGEST_S, LEAST = 120.0, 5
 # A velocity that differs by this, m/s, and by this share of its size from the median of those
 # around it is a wild one, which says nothing of axes and units.
 WILD_M_S, WILD_SHARE = 5.0, 0.5
-# Samples further apart than this are not integrated across, s.
+# Samples further apart than this are not integrated across, s; where most are, each is compared with
+# the way of the fixes over so long a time about it.
 APART_S = 2.0
 # Fixes on either side for the running median of fix less integrated velocity.
 AROUND = 2
@@ -94,18 +95,36 @@ def agreement(fixes: Gnss, velocity: Velocity) -> Agreement:
     hole = holes[np.maximum(np.searchsorted(t, seconds, "right") - 1, 0)]
     sigma = usual_noise(fixes)
     place = run + _middle(place - run)
+    seldom = float(median(step)) > APART_S
+    around = _around(seconds, place, t, rate)
     for metres, sigmas, most in (LONG, SHORT):
-        ends = _windows(seconds, place, run, max(metres, sigmas * sigma))
-        begin, end = ends[hole[ends[:, 0]] == hole[ends[:, 1]]].T
-        if len(begin) < LEAST:
+        length = max(metres, sigmas * sigma)
+        if seldom:
+            moved, said = around[:, np.abs(around).max(axis=0) >= length]
+        else:
+            ends = _windows(seconds, place, run, length)
+            begin, end = ends[hole[ends[:, 0]] == hole[ends[:, 1]]].T
+            moved, said = place[end] - place[begin], run[end] - run[begin]
+        if len(moved) < LEAST:
             continue
-        moved, said = place[end] - place[begin], run[end] - run[begin]
         share = np.abs(moved - said) / np.maximum(np.abs(moved), np.abs(said))
         misfit = float(quantile(share, QUARTILE))
         if misfit > most:
             return Agreement(misfit, True, _likeness(moved, said, velocity))
         return Agreement(misfit)
     return Agreement()
+
+
+def _around(
+    seconds: FloatArray, place: NDArray[np.complex128], t: FloatArray, rate: NDArray[np.complex128]
+) -> NDArray[np.complex128]:
+    """Ways of the fixes over `APART_S` about each velocity, and those of the velocity, (2, n)."""
+    ends = t[:, None] + 0.5 * APART_S * np.array([-1.0, 1.0])
+    near = np.searchsorted(seconds, ends)
+    inside = (near[:, 0] > 0) & (near[:, 1] < len(seconds))
+    inside[inside] = seconds[near[inside, 1]] - seconds[near[inside, 0] - 1] < 3.0 * APART_S
+    at = np.interp(ends[inside], seconds, place)
+    return np.array([at[:, 1] - at[:, 0], APART_S * rate[inside]])
 
 
 def _middle(off: NDArray[np.complex128]) -> NDArray[np.complex128]:

@@ -101,6 +101,18 @@ def test_a_right_velocity_agrees_however_noisy_the_fixes_and_late(roads, sigma, 
         assert result.misfit is not None and result.misfit < 0.25, (seed, result)
 
 
+@pytest.mark.parametrize("apart_s", [5, 10])
+@pytest.mark.parametrize("name", ["right", *WRONG])
+def test_velocities_too_far_apart_to_be_integrated(roads, name, apart_s):
+    spoil, _ = WRONG.get(name, (lambda v: v, ""))
+    for seed, road in enumerate(roads):
+        fixes, velocity = measured(road, seed, 0.2)
+        seldom = velocity.rows(np.arange(0, len(velocity), 10 * apart_s))
+        result = agreement(fixes, replace(seldom, velocity_n=spoil(seldom.velocity_n)))
+        assert result.misfit is not None, seed
+        assert result.contradicts == (name != "right"), (seed, result)
+
+
 @pytest.mark.parametrize(
     ("make", "sigma", "metres"), [(helicopter, 0.3, 234.0), (walk, 0.67, 9.0), (walk, 0.67, 14.0)]
 )
