@@ -31,8 +31,8 @@ LONGEST_S, LEAST = 120.0, 5
 # A velocity that differs by this, m/s, and by this share of its size from the median of those
 # around it is a wild one, which says nothing of axes and units.
 WILD_M_S, WILD_SHARE = 5.0, 0.5
-# Samples further apart than this are not integrated across, s; where most are, each is compared with
-# the way of the fixes over so long a time about it.
+# Samples further apart than this, s, are not integrated across; where most are, each is compared
+# with the way of the fixes over so long a time about it.
 APART_S = 2.0
 # Fixes on either side for the running median of fix less integrated velocity.
 AROUND = 2
