@@ -69,11 +69,17 @@ def notes(
         and settings.gnss_latency != 0.0
     ):
         when = "" if start.clock.rate == 0.0 else " in the middle of the log"
+        early, late_imu = -settings.gnss_latency, ""
+        if early > 0.0:  # though receivers measure before they stamp
+            late_imu = (
+                ". If it is the IMU that is late (by a low-pass filter or buffering), the solution"
+                f" shows the motion of {early:.3f} s before its own stamps"
+            )
         note(
             "latency-used",
             f"fixes are used as valid {_shift(settings.gnss_latency, 'before', 'after')} their"
             f" stamps{when} (sigma {start.offsets.sigma_s:.4f} s), as the log shows; --gnss-latency"
-            " overrides this",
+            f" overrides this{late_imu}",
         )
     if start.clock.rate != 0.0:
         rate, sigma, span = 1e6 * start.clock.rate, 1e6 * start.clock.sigma, start.clock.span_s

@@ -101,6 +101,16 @@ def test_right_settings_are_not_contradicted_by_smooth_turns(tmp_path, calm):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("late", ["fixes", "IMU"])
+def test_fixes_that_seem_early_may_show_a_late_imu(tmp_path, road, late):
+    """Nothing tells the two apart, so the user learns what it means for the solution."""
+    log = logged(tmp_path, road, 4, sigma_v=0.05, latency=0.1 if late == "fixes" else -0.05)
+    result, _ = run(log, input=dict(KIND), gnss=given())
+    text = named(result)["latency-used"]["text"]
+    assert ("the motion of 0.05" in text) == (late == "IMU")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma_v", [None, 0.05])
 def test_a_drive_shows_its_latency(tmp_path, road, sigma_v):
     log = logged(tmp_path, road, 4, sigma_v=sigma_v, latency=0.1)
