@@ -39,7 +39,7 @@ from sinstool.methods.alignment.still import StillSpan, Windows, lead_in, still_
 from sinstool.survey.even_stamps import EvenStamps
 from sinstool.survey.no_measurements import LeftOut, Suspects
 from sinstool.survey.orientation import OrientationFault, orientation_fault
-from sinstool.survey.range_ends import crowded, stopped
+from sinstool.survey.range_ends import STOP_SHARE, crowded, stopped
 from sinstool.survey.rest import calmer
 from sinstool.survey.tally import CROWD, Tally
 from sinstool.survey.unit_evidence import UnitEvidence, unit_evidence
@@ -50,6 +50,9 @@ BURSTY_SHARE = 0.05
 SET_BACK_RATIO = 10
 # Stamps are too coarse if this share of the samples has another's stamp, but other values.
 CONFLICTING = 0.3
+
+
+SENSOR_AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 
 
 @dataclass
@@ -209,6 +212,16 @@ class Survey:
     def duration_s(self) -> float:
         """Time covered by samples, gaps left out."""
         return (self.last_ns - self.first_ns) / SECOND - self.gap_total_s
+
+    @property
+    def range_ends(self) -> np.ndarray:
+        """Where saturated gyros and accelerometers are at the ends of their ranges, shape (6,).
+
+        In rad/s and m/s^2; infinite for all other axes.
+        """
+        saturated = [name in self.saturated for name in SENSOR_AXES]
+        largest = np.concatenate([self.gyro_max, self.accel_max])
+        return np.where(saturated, STOP_SHARE * largest, np.inf)
 
 
 class Watcher(Protocol):
@@ -395,13 +408,12 @@ def _conclude(
     if begin is not None and calmer(spans, begin):
         # It begins in a steady turn
         begin = None
-    names = [f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz"]
     # Values that are no measurements at all may be too large to be squared.
     with np.errstate(over="ignore"):
         usual = np.sqrt(np.mean(np.hstack((windows.gyro, windows.accel)) ** 2, axis=0))
     saturated = tuple(
         name
-        for name, row, size in zip(names, tally.extremes, usual, strict=True)
+        for name, row, size in zip(SENSOR_AXES, tally.extremes, usual, strict=True)
         if stopped(row, size)
     )
     constant = tally.orientation is not None and not tally.orientation_varies and tally.count > 1

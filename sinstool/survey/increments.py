@@ -11,6 +11,7 @@ from sinstool.config import ProcessConfig
 from sinstool.core.streams import Imu, concatenate, take_rows
 from sinstool.core.timeline import SECOND, segments
 from sinstool.methods.coning.algorithm import ConingAlgorithm
+from sinstool.methods.strapdown.clipped_samples import ClippedSamples
 from sinstool.methods.strapdown.followed_rates import with_followed
 from sinstool.methods.strapdown.lost_samples import LostSamples
 from sinstool.methods.strapdown.segment_samples import SampleSettings, SegmentSamples
@@ -73,6 +74,7 @@ class SegmentIncrements:
         stage: IncrementStage | None = None
         sample_s = self._settings.nominal_ns / SECOND
         lost = LostSamples(self._settings.algorithm.samples * sample_s, sample_s)
+        clipped = ClippedSamples(source.survey.range_ends, sample_s)
         waiting: SegmentSamples | None = None
         opening: Imu | None = None
         for piece in segments(blocks, source.survey.max_gap_ns):
@@ -80,19 +82,21 @@ class SegmentIncrements:
                 break
             if piece.starts:
                 if stage is not None and waiting is not None:
-                    yield from _answer(stage.finish(), lost, waiting, opening)
+                    yield from _answer(stage.finish(), lost, clipped, waiting, opening)
                 lost.begin()
+                clipped.begin()
                 stage = IncrementStage(self._settings.stage)
                 waiting = SegmentSamples(int(piece.imu.time_ns[0]))
                 opening = piece.imu.rows(slice(0, 1))
             assert stage is not None and waiting is not None
             imu = piece.imu
+            clipped.push(imu.gyro, imu.accel)
             made = stage.push(imu.gyro, imu.accel, waiting.push(imu))
-            yield from _answer(made, lost, waiting, opening)
+            yield from _answer(made, lost, clipped, waiting, opening)
             if len(made.sample):
                 opening = None
         if stage is not None and waiting is not None:
-            yield from _answer(stage.finish(), lost, waiting, opening)
+            yield from _answer(stage.finish(), lost, clipped, waiting, opening)
 
 
 def first_increments(
@@ -140,8 +144,12 @@ def _up_to_gap(
 
 
 def _answer(
-    made: Increments, lost: LostSamples, waiting: SegmentSamples, opening: Imu | None
+    made: Increments,
+    lost: LostSamples,
+    clipped: ClippedSamples,
+    waiting: SegmentSamples,
+    opening: Imu | None,
 ) -> Iterator[tuple[Increments, tuple[Imu, Imu | None]]]:
     """Updates with their samples, if there are any."""
     if len(made.sample):
-        yield lost.marked(made), (waiting.take(made.sample), opening)
+        yield clipped.marked(lost.marked(made)), (waiting.take(made.sample), opening)

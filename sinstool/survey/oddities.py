@@ -29,6 +29,7 @@ MIN_RATE_HZ = 10.0
 CLOCK_OFFSET_S = 1.0
 CLOCK_WANDER_S = 0.5
 HELD_SHARE = 0.05
+SATURATION = "saturation"  # of findings
 # Least mean specific force of a log in motion that shows the direction of gravity, g.
 LEAST_GRAVITY = 0.7
 # Relative difference of --imu-rate from the rate of the stamps that is reported.
@@ -274,7 +275,7 @@ def _values(s: Survey, options: InputOptions) -> Iterator[Finding]:
         )
     if s.saturated:
         yield Finding(
-            "saturation",
+            SATURATION,
             f"{', '.join(s.saturated)} stays at its largest value for several samples:"
             " the motion exceeds the sensor's range",
         )

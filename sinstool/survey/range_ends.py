@@ -16,6 +16,9 @@ HELD_RUN, CHANGING = 20, 0.5
 # to another.
 CROWDED, CROWDED_RUN, CROWDED_TIMES, CROWDED_STEP = 1.5, 3.0, 3.0, 4.0
 
+# A saturated axis is at the end of its range from this share of its largest value on.
+STOP_SHARE = 0.997
+
 
 def stopped(row: np.ndarray, usual: float) -> bool:
     """Whether the largest value of an axis is the end of its range.

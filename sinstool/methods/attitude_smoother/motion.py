@@ -21,6 +21,7 @@ from sinstool.methods.attitude_smoother.model import (
     SensorModel,
 )
 from sinstool.methods.attitude_smoother.start import filtered
+from sinstool.methods.sensor_errors import MISSED
 
 # The motion is a vehicle's where its log likelihood exceeds that of a hand by MARGIN, nat per
 # moving epoch, or by SECOND_MARGIN per moving second, as on a smooth road only slow accelerations
@@ -56,9 +57,7 @@ HAND_LONGER = LONGER[:3]
 # A vehicle's velocity is taken to follow its heading if that is more likely by this, nat, over
 # epochs of 4 s: shorter ones show vibration rather than the path.
 FOLLOWS_MARGIN, FOLLOWS_EPOCHS = 3.0, 20
-# What a saturated gyro may miss, as shares of its range; that it is saturated must be more likely
-# by STOPS_MARGIN, nat.
-MISSED = (0.1, 0.2, 0.5, 1.0)
+# That a gyro is saturated must be more likely by this, nat.
 STOPS_MARGIN = 5.0
 # The search runs on a grid of the logarithm of the density with this spacing, in steps of this many
 # points at first, and of fewer where it begins at the result for longer epochs.

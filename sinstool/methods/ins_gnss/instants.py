@@ -150,6 +150,12 @@ def _uncertain_by_turning(m: Memory, model: Model) -> None:
                 m.p[k, states.ATTITUDE + j] -= model.across_variance * along
 
 
+@part(inline="always")
+def uncertain(lost: FloatArray) -> bool:
+    """Whether any of six variances is not zero."""
+    return lost[0] + lost[1] + lost[2] + lost[3] + lost[4] + lost[5] > 0.0
+
+
 @part()
 def lose_samples(
     m: Memory,
@@ -164,7 +170,7 @@ def lose_samples(
     c21: float,
     c22: float,
 ) -> None:
-    """Make attitude and velocity less certain by the variances of samples that were lost."""
+    """Make attitude and velocity less certain by variances of samples lost or clipped."""
     for first, of in ((states.ATTITUDE, 0), (states.VELOCITY, 3)):
         x, y, z = lost[of], lost[of + 1], lost[of + 2]
         north = m.p[first]

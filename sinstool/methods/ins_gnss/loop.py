@@ -173,7 +173,7 @@ def run(
             ve0 = nav[V_NORTH + 1]
             vd0 = nav[V_DOWN]
             step(nav[:], px, py, pz, ux, uy, uz, d, 0)
-            if len(lost) > 0 and bridge == bridges and lost[k, 0] + lost[k, 3] > 0.0:
+            if len(lost) > 0 and bridge == bridges and instants.uncertain(lost[k]):
                 instants.lose_samples(m, lost[k], c00, c01, c02, c10, c11, c12, c20, c21, c22)
             m.now = now
             if model.has_network > 0.0:

@@ -66,8 +66,9 @@ class Increments:
         Of the body at each update's end, as a receiver follows it, rad/s: see
         :mod:`~sinstool.methods.strapdown.followed_rates`.
     lost : ndarray, shape (n, 6), optional
-        Variances of rotation vector and velocity increment by samples that were lost, rad^2 and
-        (m/s)^2: see :mod:`~sinstool.methods.strapdown.lost_samples`.
+        Variances of rotation vector and velocity increment by samples that were lost or clipped,
+        rad^2 and (m/s)^2: see :mod:`~sinstool.methods.strapdown.lost_samples` and
+        :mod:`~sinstool.methods.strapdown.clipped_samples`.
     """
 
     sample: IntArray

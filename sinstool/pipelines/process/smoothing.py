@@ -53,9 +53,8 @@ from sinstool.survey.source import Source, nominal_interval
 
 # Gaps up to this long are integrated across, as gravity corrects the tilt afterwards.
 SHORT_GAP_NS, SHORT_GAP_INTERVALS = 60_000_000, 8
-# A gyro whose largest rate is below this, rad/s, is not saturated. One that is, is so from this
-# share of its largest rate on.
-LEAST_STOP, STOP_SHARE = 1.0, 0.997
+# A gyro whose largest rate is below this, rad/s, is not saturated.
+LEAST_STOP = 1.0
 # A still span of the survey is a rest if it is this long, s: a hand turns slowly for two seconds.
 LONG_REST_S = 5.0
 # Limits of findings: sigma of tilt, rad; share of the time at the stops.
@@ -199,8 +198,8 @@ class Smoothing:
     def _stops(self) -> np.ndarray:
         """Rates from which on gyros are, or may be, at their stops, rad/s, shape (2, 3)."""
         survey, bias = self._source.survey, self._plan.alignment.gyro_bias
-        saturated = [f"gyro {axis}" in survey.saturated for axis in "xyz"]
-        stops = np.where(saturated, STOP_SHARE * survey.gyro_max, survey.gyro_stops)
+        ends = survey.range_ends[:3]
+        stops = np.where(np.isfinite(ends), ends, survey.gyro_stops)
         return np.where(stops > LEAST_STOP, stops, np.inf) - np.array([bias, -bias])
 
     def _gnss_moves(self, start_ns: int, end_ns: int) -> bool:

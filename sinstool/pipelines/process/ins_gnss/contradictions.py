@@ -38,6 +38,7 @@ from sinstool.pipelines.process.ins_gnss.likeliest_attitude import denied_attitu
 from sinstool.pipelines.process.ins_gnss.timing import motion_from
 from sinstool.pipelines.process.ins_gnss.white_noise import white_noise
 from sinstool.survey.grade import BRIEF_REST_S
+from sinstool.survey.oddities import SATURATION
 from sinstool.survey.receiver_ahead import RECEIVER_CLOCK
 from sinstool.survey.rest import longest_rest
 from sinstool.survey.source import Source
@@ -231,7 +232,7 @@ def contradictions(start: FilterStart, survey: Sequence[Finding]) -> list[Findin
         *late_gyros(start),
         *denied_attitude(start),
         *unexplained_velocities(start),
-        *impossible_gyros(start),
+        *impossible_gyros(start, survey),
         *of_another_clock(survey, start),
     ]
 
@@ -339,15 +340,28 @@ def unexplained_velocities(start: FilterStart) -> list[Finding]:
     ]
 
 
-def impossible_gyros(start: FilterStart) -> list[Finding]:
+def impossible_gyros(start: FilterStart, survey: Sequence[Finding]) -> list[Finding]:
     """A drift without fixes that no gyro explains, whatever its grade.
 
     Gyros whose axes or signs are wrong, or of another time, are estimated as noisy ones, and so are
     those of which an autopilot logs ten samples a second, taken at instants. The filter then
-    follows the fixes, and all innovations are as large as its sigmas say; its attitude is not.
+    follows the fixes, and all innovations are as large as its sigmas say; its attitude is not. So
+    it is where sensors lose what is beyond their range.
     """
     if start.noisier_gyros <= MOST_NOISIER:
         return []
+    if any(finding.kind == SATURATION for finding in survey):
+        return [
+            Finding(
+                "gyros-do-not-fit",
+                "without fixes, the navigation drifts far more than noise explains, and what is"
+                " beyond the range of a saturated sensor is lost: do not trust the attitude and its"
+                " sigmas",
+                Severity.LOST,
+                "use a larger range",
+                numbers={"gyro_noise": start.noisier_gyros},
+            )
+        ]
     return [
         Finding(
             "gyros-do-not-fit",
