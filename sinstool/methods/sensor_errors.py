@@ -194,9 +194,9 @@ _ASSUMED: _Table = {
     "accel_misalignment": (1.0, (1e-2, 1e-3, 2e-4, 2e-4, 5e-5)),
 }
 IMU_GRADES = _grades(_GRADES, _ASSUMED)
+"""What a filter assumes, by grade of IMU."""
 # What a sensor may miss at the end of its range, as shares of the range.
 MISSED = (0.1, 0.2, 0.5, 1.0)
-"""What a filter assumes, by grade of IMU."""
 
 
 # What a calibration takes off.

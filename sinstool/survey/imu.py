@@ -50,8 +50,6 @@ BURSTY_SHARE = 0.05
 SET_BACK_RATIO = 10
 # Stamps are too coarse if this share of the samples has another's stamp, but other values.
 CONFLICTING = 0.3
-
-
 SENSOR_AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accelerometer") for axis in "xyz")
 
 
