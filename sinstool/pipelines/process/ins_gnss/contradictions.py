@@ -350,28 +350,28 @@ def impossible_gyros(start: FilterStart, survey: Sequence[Finding]) -> list[Find
     """
     if start.noisier_gyros <= MOST_NOISIER:
         return []
+    text = (
+        "without fixes, the navigation drifts as if the gyros were"
+        f" {start.noisier_gyros:.1f} times as noisy as those of bare chips, which none are: "
+    )
     if any(finding.kind == SATURATION for finding in survey):
-        return [
-            Finding(
-                "gyros-do-not-fit",
-                "without fixes, the navigation drifts far more than noise explains, and what is"
-                " beyond the range of a saturated sensor is lost: do not trust the attitude and its"
-                " sigmas",
-                Severity.LOST,
-                "use a larger range",
-                numbers={"gyro_noise": start.noisier_gyros},
-            )
-        ]
+        text += "what is beyond the range of a saturated sensor is lost"
+        answer = "use a larger range"
+    else:
+        text += (
+            "gyros, accelerometers and fixes do not belong together, or samples of single instants"
+            " are too rare for the motion"
+        )
+        answer = (
+            "check axes, signs and units of the IMU, the clocks (--gnss-clock-offset), and whether"
+            " the fixes are good; log more than 50 samples a second"
+        )
     return [
         Finding(
             "gyros-do-not-fit",
-            "without fixes, the navigation drifts as if the gyros were"
-            f" {start.noisier_gyros:.1f} times as noisy as those of bare chips, which none are:"
-            " gyros, accelerometers and fixes do not belong together, or samples of single instants"
-            " are too rare for the motion; do not trust the attitude and its sigmas",
+            f"{text}; do not trust the attitude and its sigmas",
             Severity.LOST,
-            "check axes, signs and units of the IMU, the clocks (--gnss-clock-offset), and whether"
-            " the fixes are good; log more than 50 samples a second",
+            answer,
             numbers={"gyro_noise": start.noisier_gyros},
         )
     ]

@@ -8,7 +8,8 @@ import pytest
 
 from benchmarks.trusted_navigation import process
 from sinstool.core.finding import Finding, Severity, exit_status
-from sinstool.pipelines.process.ins_gnss.contradictions import of_another_clock
+from sinstool.pipelines.process.ins_gnss.contradictions import impossible_gyros, of_another_clock
+from sinstool.survey.oddities import SATURATION
 from tests.helpers.filter_logs import run, simulated
 from tests.helpers.unseen_drives import GRADES, drive, record, write
 from tests.helpers.unseen_errors import shaken
@@ -55,6 +56,16 @@ def test_a_wrong_clock_is_reported_once(tmp_path):
     assert told[0]["severity"] == Severity.LOST.name.lower()
     assert "2.0 s ahead of" in told[0]["text"] and "do not trust" in told[0]["text"]
     assert "leave --gnss-clock-offset out" in told[0]["answer"]
+
+
+def test_a_saturated_sensor_is_a_cause_of_gyros_that_do_not_fit():
+    start = SimpleNamespace(noisier_gyros=5.0)
+    (axes,) = impossible_gyros(start, [])
+    (saturated,) = impossible_gyros(start, [Finding(SATURATION, "gyro z stays at its largest")])
+    assert axes.severity == saturated.severity == Severity.LOST
+    assert "axes" in axes.answer and "range" in saturated.answer
+    assert "saturated" in saturated.text and "belong together" not in saturated.text
+    assert not impossible_gyros(SimpleNamespace(noisier_gyros=1.0), [])
 
 
 @pytest.mark.parametrize("seed", [1, 3])
