@@ -180,6 +180,7 @@ def confirmed(
     denied = still & (kinds == MOVING)
     near = np.convolve(denied, np.ones(2 * WINDOW + 1))[WINDOW:-WINDOW] > 0.0
     rows[:, REST] = np.where(near, MOVING, kinds)
+    _drop_remains(rows[:, REST], still)
     drop_lulls(rows)
     _drop_pieces(rows, still)
     note_doubt(rows, still, sensors)
@@ -200,6 +201,15 @@ def drop_lulls(rows: np.ndarray) -> None:
     for begin, end in runs(rows[:, REST] == STEADY):
         if end - begin < LULL:
             rows[begin:end, REST] = QUIET
+
+
+def _drop_remains(kinds: np.ndarray, still: np.ndarray) -> None:
+    """Mark as moving what is left of a refuted rest, and is only quiet, where it is too short."""
+    for begin, end in runs(kinds > MOVING):
+        whole = not still[begin - 1 : begin].any() and not still[end : end + 1].any()
+        short = end - begin < WINDOW // 2 and (kinds[begin:end] < AT_REST).all()
+        if short and not whole:
+            kinds[begin:end] = MOVING
 
 
 def _drop_pieces(rows: np.ndarray, still: np.ndarray) -> None:
